@@ -1,0 +1,13 @@
+"""Array types, named by their dimensions."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float1D = NDArray[np.float64]
+Float2D = NDArray[np.float64]
+Float3D = NDArray[np.float64]
+Int1D = NDArray[np.int64]
+Bool1D = NDArray[np.bool_]
+Array1D = NDArray[Any]

@@ -1,0 +1,36 @@
+"""Every deliberate error. The command line shows one as a message without a traceback; anything else is a bug.
+
+A message says where, what, and what to do.
+"""
+
+
+class PidoError(Exception):
+    """Base of all errors that a user can do something about."""
+
+
+class RecordingError(PidoError):
+    """A recording that cannot be used: unreadable, incomplete, or against physics."""
+
+
+class SettingsError(PidoError):
+    """Settings (machine, material, tool, stock, part.json) that are missing, unknown or impossible."""
+
+
+class ProgramError(PidoError):
+    """An NC program that cannot be interpreted; names line and text."""
+
+
+class StoreError(PidoError):
+    """A store that is damaged, locked, or asked for what it does not hold."""
+
+
+class FitError(PidoError):
+    """An equation or model that cannot be fitted on what was given."""
+
+
+class DiagnosisError(PidoError):
+    """Simulation and recording that cannot be compared."""
+
+
+class RegistryError(PidoError):
+    """A model version that does not exist, may not be promoted, or is not what its record says."""

@@ -1,0 +1,69 @@
+"""One part's samples, in the contract's columns, with what the plant knows about the part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from pido.core.arrays import Array1D, Float1D
+from pido.core.columns import TIME
+from pido.core.errors import RecordingError
+from pido.core.part import PartInfo
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Samples of one part. Numeric columns are float64 (n,); a missing value is NaN and stays NaN.
+
+    `tool_id` may hold text. `notes` is what a reader did or found on the way (one sentence each): units converted,
+    packets put in order, columns that were not there.
+    """
+
+    part: PartInfo
+    columns: Mapping[str, Array1D]
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        if TIME not in self.columns:
+            raise RecordingError(f"part {self.part.part}: column 'time' is missing; it is needed in every recording.")
+        lengths = {name: len(values) for name, values in self.columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise RecordingError(f"part {self.part.part}: columns have different lengths: {lengths}.")
+        object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))
+
+    def __len__(self) -> int:
+        return len(self.columns[TIME])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __getitem__(self, name: str) -> Array1D:
+        try:
+            return self.columns[name]
+        except KeyError:
+            raise RecordingError(
+                f"part {self.part.part}: column '{name}' is missing; it has {', '.join(self.columns)}."
+            ) from None
+
+    @property
+    def time(self) -> Float1D:
+        """(n,), s, from the recording's first sample."""
+        return self.columns[TIME]
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Samples per second: the reciprocal of the median step."""
+        if len(self) < 2:
+            raise RecordingError(f"part {self.part.part}: {len(self)} sample(s); a rate needs at least two.")
+        return float(1.0 / np.median(np.diff(self.time)))
+
+    def with_columns(self, **columns: Array1D) -> Recording:
+        """The same recording with columns added or replaced."""
+        return replace(self, columns={**self.columns, **columns})
+
+    def rows(self, which: slice | Array1D) -> Recording:
+        """The samples that `which` (slice, mask or indices) selects; time is kept as it is."""
+        return replace(self, columns={name: values[which] for name, values in self.columns.items()})
