@@ -1,0 +1,186 @@
+"""Settings from people and files. Each model is checked once, refuses unknown keys, and builds a frozen value.
+
+Settings files are TOML. `pido/settings/` ships the paper's materials and machines; a user's file may define more and
+is merged over them by name.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+    model_validator,
+)
+
+from pido.core.axes import LINEAR_AXES
+from pido.core.errors import SettingsError
+from pido.core.machining import AxisLimits, Machine, Material, Stock, Tool
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class MaterialConfig(_Settings):
+    k_c11: PositiveFloat = Field(description="specific cutting force k_c1.1, N/mm²")
+    z: float = Field(ge=0, lt=2, description="chip thickness exponent of the cutting force, –")
+    k_f11: NonNegativeFloat = Field(description="specific cutting normal force k_f1.1, N/mm²")
+    x: float = Field(ge=0, lt=2, description="chip thickness exponent of the cutting normal force, –")
+    k_p11: NonNegativeFloat = Field(description="specific passive force k_p1.1, N/mm²")
+    y: float = Field(ge=0, lt=2, description="chip thickness exponent of the passive force, –")
+    K: PositiveFloat = Field(default=1.0, description="product of the correction factors, –")
+
+    def build(self, name: str) -> Material:
+        return Material(name=name, **self.model_dump())
+
+
+class ToolConfig(_Settings):
+    diameter_mm: PositiveFloat = Field(description="cutter diameter D, mm")
+    teeth: PositiveInt = Field(description="number of cutting edges, –")
+    kind: Literal["end", "ball", "bull", "drill"] = "end"
+    corner_radius_mm: NonNegativeFloat = Field(default=0.0, description="corner radius, mm")
+    kappa_deg: float = Field(default=90.0, gt=0, le=90, description="cutting edge angle, deg")
+    mass_kg: PositiveFloat | None = Field(default=None, description="mass of tool and holder, kg")
+
+    @model_validator(mode="after")
+    def _corner_fits(self) -> ToolConfig:
+        if 2 * self.corner_radius_mm > self.diameter_mm:
+            raise ValueError("corner_radius_mm is larger than half the diameter")
+        return self
+
+    def build(self, tool_id: str) -> Tool:
+        return Tool(id=tool_id, **self.model_dump())
+
+
+class StockConfig(_Settings):
+    low_mm: tuple[float, float, float] = Field(description="lower corner in machine coordinates, mm")
+    high_mm: tuple[float, float, float] = Field(description="upper corner in machine coordinates, mm")
+
+    @model_validator(mode="after")
+    def _is_a_block(self) -> StockConfig:
+        if any(h <= low for low, h in zip(self.low_mm, self.high_mm, strict=True)):
+            raise ValueError("high_mm must lie above low_mm in x, y and z")
+        return self
+
+    def build(self) -> Stock:
+        return Stock(**self.model_dump())
+
+
+class AxisConfig(_Settings):
+    v_max: PositiveFloat = Field(description="highest speed, mm/s")
+    a_max: PositiveFloat = Field(description="highest acceleration, mm/s²")
+    j_max: PositiveFloat = Field(description="highest jerk, mm/s³")
+    travel_mm: tuple[float, float] = Field(description="travel in machine coordinates, mm")
+    dead_band: NonNegativeFloat = Field(default=0.02, description="speed below which the axis stands still, mm/s")
+    ball_screw_lead_mm: PositiveFloat | None = Field(default=None, description="lead of the ball screw, mm")
+    current_max_a: PositiveFloat | None = Field(default=None, description="limit of the drive, A")
+    channel: str | None = Field(default=None, description="name in the control's own recordings, e.g. X1")
+
+    @model_validator(mode="after")
+    def _travel_has_length(self) -> AxisConfig:
+        if self.travel_mm[1] <= self.travel_mm[0]:
+            raise ValueError("travel_mm must be (lower, upper) with upper > lower")
+        return self
+
+
+class SpindleConfig(_Settings):
+    max_rpm: PositiveFloat = Field(description="highest speed, 1/min")
+    acc_deg_s2: PositiveFloat = Field(default=36000.0, description="acceleration when running up, deg/s²")
+    dead_band_deg_s: NonNegativeFloat = Field(default=6.0, description="speed below which it stands still, deg/s")
+    current_max_a: PositiveFloat | None = Field(default=None, description="limit of the drive, A")
+    channel: str | None = Field(default=None, description="name in the control's own recordings, e.g. SP1")
+
+
+class MachineConfig(_Settings):
+    x: AxisConfig
+    y: AxisConfig
+    z: AxisConfig
+    spindle: SpindleConfig
+    vertical_axis: Literal["x", "y", "z"] = "z"
+    force_max_n: PositiveFloat = Field(default=2000.0, description="largest process force to expect, N")
+    torque_max_nm: PositiveFloat = Field(default=50.0, description="largest spindle torque to expect, N·m")
+    mrr_max_mm3_s: PositiveFloat = Field(default=2000.0, description="largest removal rate to expect, mm³/s")
+
+    def build(self, machine_id: str) -> Machine:
+        axes = {a: getattr(self, a) for a in LINEAR_AXES}
+        limits = {a: c.current_max_a for a, c in (*axes.items(), ("sp", self.spindle)) if c.current_max_a}
+        fields = ("v_max", "a_max", "j_max", "travel_mm", "dead_band")
+        return Machine(
+            id=machine_id,
+            axes={a: AxisLimits(**{f: getattr(c, f) for f in fields}) for a, c in axes.items()},
+            spindle_max_deg_s=6.0 * self.spindle.max_rpm,
+            spindle_acc_deg_s2=self.spindle.acc_deg_s2,
+            spindle_dead_band_deg_s=self.spindle.dead_band_deg_s,
+            force_max_n=self.force_max_n,
+            torque_max_nm=self.torque_max_nm,
+            mrr_max_mm3_s=self.mrr_max_mm3_s,
+            current_max_a=limits,
+            vertical_axis=self.vertical_axis,
+            ball_screw_lead_mm={a: c.ball_screw_lead_mm for a, c in axes.items() if c.ball_screw_lead_mm},
+        )
+
+
+def parse(model: type[Model], data: dict[str, Any], where: str) -> Model:
+    """`data` as `model`, or one SettingsError that lists every fault with its place."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        faults = "\n".join(f"  {'.'.join(map(str, e['loc'])) or '(top)'}: {e['msg']}" for e in error.errors())
+        raise SettingsError(f"{where}: {error.error_count()} fault(s) in these settings:\n{faults}") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a settings file; a fault in it is named with its line."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise SettingsError(f"{path}: no such settings file.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: not a TOML file: {error}") from None
+
+
+def material(name: str, own: Path | None = None) -> Material:
+    """A material by name: from `own` (a TOML file with one table per material), else as shipped."""
+    return _named(MaterialConfig, "material", name, _shipped("materials.toml"), own).build(name)
+
+
+def machine(name: str, own: Path | None = None) -> Machine:
+    """A machine by name: from `own` (a TOML file with one table per machine), else as shipped."""
+    return machine_config(name, own).build(name)
+
+
+def machine_config(name: str, own: Path | None = None) -> MachineConfig:
+    """The settings behind `machine`, with the names of the axes in the control's recordings."""
+    return _named(MachineConfig, "machine", name, _shipped("machines.toml"), own)
+
+
+def shipped(kind: Literal["materials", "machines"]) -> tuple[str, ...]:
+    """Names that come with the package."""
+    return tuple(_shipped(f"{kind}.toml"))
+
+
+@cache
+def _shipped(name: str) -> dict[str, Any]:
+    return tomllib.loads(files("pido").joinpath("settings", name).read_text(encoding="utf-8"))
+
+
+def _named(model: type[Model], kind: str, name: str, known: dict[str, Any], own: Path | None) -> Model:
+    tables = {**known, **(read_toml(own) if own else {})}
+    if name not in tables:
+        raise SettingsError(
+            f"{kind} '{name}' is not known. Known: {', '.join(sorted(tables))}. Define it in a TOML file."
+        )
+    return parse(model, tables[name], f"{kind} '{name}'")
