@@ -1,0 +1,122 @@
+"""What a diagnosis says: the contract `pido.diagnosis/1` as values, and nothing of how it was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pido.core.arrays import Float1D
+
+Kind = Literal["missing_physics", "miscalibrated", "data_fault", "unexplained"]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A parameter in its unit with its 95 % confidence interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A stretch of one part in which a mechanism acts, s; score in 0..1."""
+
+    part: str
+    t_start: float
+    t_end: float
+    score: float
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """In words an operator understands, as conditions on columns, as intervals, bins, NC blocks and places."""
+
+    summary: str
+    conditions: tuple[str, ...] = ()
+    intervals: tuple[Interval, ...] = ()
+    voxels: tuple[tuple[float, float, float], ...] = ()  # centres (v_x, v_y, AR) of the bins that it fills
+    nc_lines: tuple[int, ...] = ()
+    workpiece: str | None = None  # where on the workpiece, if it is tied to a place
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Is it more than noise? By parts and blocks, corrected for the number of questions asked."""
+
+    p_value: float
+    q_value: float
+    delta_bic: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Before and after, on data that the fit had not seen; the scheme says which."""
+
+    scheme: str
+    rmse_before: float
+    rmse_after: float
+    r2_before: float
+    r2_after: float
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A mechanism that these data cannot tell from the finding, and the recording that would."""
+
+    mechanism: str
+    delta_bic: float
+    to_tell_apart: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One mechanism on one axis."""
+
+    axis: str
+    mechanism: str
+    kind: Kind
+    equation: str
+    parameters: Mapping[str, Estimate]
+    where: Where
+    evidence: Evidence
+    fit: HeldOut
+    replaces: tuple[str, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """What was tried on an axis and why it was not kept."""
+
+    axis: str
+    mechanism: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PartSeries:
+    """Sample by sample of one part: (n,) each, keyed by axis."""
+
+    time: Float1D
+    mismatch: Mapping[str, Float1D]  # systematic part of recorded - simulated current, A
+    score: Mapping[str, Float1D]  # 0..1: how surely the sample is inside a mismatch
+    corrected: Mapping[str, Float1D]  # simulation + all findings, A
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """All that was found, what was not, and the models that `correct` applies to other parts.
+
+    `model` is plain JSON data: everything that `pido.diagnosis.correct` needs, and nothing of the recordings.
+    """
+
+    findings: tuple[Finding, ...]
+    clean_axes: tuple[str, ...]
+    parts: Mapping[str, PartSeries]
+    model: Mapping[str, object]
+    rejected: tuple[Rejected, ...] = ()
+    notes: tuple[str, ...] = field(default=())  # what could not be answered on these data, and why
