@@ -1,0 +1,30 @@
+"""`pido correct DIR PART --out FILE.parquet`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(name="correct")
+@click.argument("diagnosis", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("part", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Parquet file to write")
+def command(diagnosis: Path, part: Path, out: Path) -> None:
+    """Apply the models of a diagnosis, unchanged, to a part that was not diagnosed.
+
+    Reads no curr_<axis> column: it works where there is no recording of the current yet.
+
+    \b
+    pido correct diagnosis parts/p04 --out p04-corrected.parquet
+    """
+    from pido.diagnosis import contract
+    from pido.diagnosis.correct import correct
+    from pido.recordings import read_recording
+
+    model = contract.read_model(diagnosis)
+    series = correct(model, read_recording(part))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    contract.write_series(series, out)
+    click.echo(str(out))

@@ -1,0 +1,145 @@
+"""The files of a diagnosis: `diagnosis.json` and `parts/<part>.parquet` to the letter of the contract.
+
+In:  a Diagnosis, or what `correct` returned for one part.
+Out: files that outside tools read. What the contract has no place for (bins, NC blocks, what was rejected, what to
+     record next) goes to `details.json`; the models that `pido correct` applies go to `model.json`.
+Every file is replaced whole, `diagnosis.json` last: who sees it sees a complete folder.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pido.core.errors import DiagnosisError
+from pido.core.names import file_name
+from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
+
+SCHEMA = "pido.diagnosis/1"
+MODEL_SCHEMA = "pido.diagnosis.model/1"
+
+
+def as_contract(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The content of `diagnosis.json`."""
+    return {
+        "schema": SCHEMA,
+        "findings": [_finding(f) for f in diagnosis.findings],
+        "clean_axes": list(diagnosis.clean_axes),
+    }
+
+
+def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What the contract has no place for, in the same order of findings."""
+    return {
+        "findings": [
+            {
+                "axis": f.axis,
+                "mechanism": f.mechanism,
+                "voxels": [list(v) for v in f.where.voxels],
+                "nc_lines": list(f.where.nc_lines),
+                "workpiece": f.where.workpiece,
+                "to_tell_apart": {a.mechanism: a.to_tell_apart for a in f.alternatives if a.to_tell_apart},
+            }
+            for f in diagnosis.findings
+        ],
+        "rejected": [{"axis": r.axis, "mechanism": r.mechanism, "reason": r.reason} for r in diagnosis.rejected],
+        "notes": list(diagnosis.notes),
+    }
+
+
+def write(diagnosis: Diagnosis, folder: Path) -> None:
+    """All files of a diagnosis into `folder`, which is made if it is not there."""
+    (folder / "parts").mkdir(parents=True, exist_ok=True)
+    for part, series in diagnosis.parts.items():
+        write_series(series, folder / "parts" / f"{file_name(part)}.parquet")
+    write_json({"schema": MODEL_SCHEMA, **diagnosis.model}, folder / "model.json")
+    write_json(as_details(diagnosis), folder / "details.json")
+    write_json(as_contract(diagnosis), folder / "diagnosis.json")
+
+
+def read_model(folder: Path) -> dict[str, Any]:
+    """The models of a diagnosis folder, as `pido.diagnosis.correct` takes them."""
+    path = folder / "model.json"
+    try:
+        model = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise DiagnosisError(f"{path}: no such file. Run 'pido diagnose PART ... --out {folder}' first.") from None
+    except ValueError as error:
+        raise DiagnosisError(f"{path}: not readable as JSON ({error}). Run 'pido diagnose' again.") from None
+    if not isinstance(model, dict) or model.pop("schema", None) != MODEL_SCHEMA:
+        raise DiagnosisError(f"{path}: not a model of schema {MODEL_SCHEMA}. Run 'pido diagnose' with this version.")
+    return model
+
+
+def write_series(series: PartSeries, path: Path) -> None:
+    """One part sample by sample: `time`, `mismatch_<axis>`, `mismatch_score_<axis>`, `curr_<axis>_corrected`."""
+    columns: dict[str, Any] = {"time": series.time}
+    for axis in series.corrected:
+        columns[f"mismatch_{axis}"] = series.mismatch[axis]
+        columns[f"mismatch_score_{axis}"] = series.score[axis]
+        columns[f"curr_{axis}_corrected"] = series.corrected[axis]
+    partial = _beside(path)
+    pq.write_table(pa.table(columns), partial)
+    os.replace(partial, path)
+
+
+def write_json(data: Mapping[str, Any], path: Path) -> None:
+    """`data` as one JSON file; a number that is not finite becomes null."""
+    partial = _beside(path)
+    partial.write_text(json.dumps(_finite(data), indent=2, allow_nan=False, ensure_ascii=False), encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _finding(f: Finding) -> dict[str, Any]:
+    return {
+        "axis": f.axis,
+        "mechanism": f.mechanism,
+        "kind": f.kind,
+        "equation": f.equation,
+        "parameters": {
+            name: {"value": e.value, "unit": e.unit, "ci95": list(e.ci95)} for name, e in f.parameters.items()
+        },
+        "where": {
+            "summary": f.where.summary,
+            "conditions": list(f.where.conditions),
+            "intervals": [
+                {"part": i.part, "t_start": i.t_start, "t_end": i.t_end, "score": i.score} for i in f.where.intervals
+            ],
+        },
+        "evidence": {
+            "p_value": f.evidence.p_value,
+            "q_value": f.evidence.q_value,
+            "delta_bic": f.evidence.delta_bic,
+        },
+        "fit": {
+            "scheme": f.fit.scheme,
+            "rmse_before": f.fit.rmse_before,
+            "rmse_after": f.fit.rmse_after,
+            "r2_before": f.fit.r2_before,
+            "r2_after": f.fit.r2_after,
+            "p_value": f.fit.p_value,
+        },
+        "replaces": list(f.replaces),
+        "alternatives": [{"mechanism": a.mechanism, "delta_bic": a.delta_bic} for a in f.alternatives],
+    }
+
+
+def _finite(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    if hasattr(data, "item"):
+        data = data.item()
+    return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.partial")
