@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from pido.diagnosis.finding import Diagnosis
 
 
 @click.command(name="diagnose")
@@ -63,7 +67,7 @@ def command(
     click.echo(f"report: {out / 'report.html'}", err=True)
 
 
-def summary(result) -> list[str]:  # noqa: ANN001 - Diagnosis, imported where it is used
+def summary(result: Diagnosis) -> list[str]:
     """One line per finding, then the axes on which nothing was found."""
     lines = [
         f"{f.axis}   {f.mechanism}   {f.where.summary}   "

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -87,14 +86,14 @@ def write_series(series: PartSeries, path: Path) -> None:
         columns[f"curr_{axis}_corrected"] = series.corrected[axis]
     partial = _beside(path)
     pq.write_table(pa.table(columns), partial)
-    os.replace(partial, path)
+    partial.replace(path)
 
 
 def write_json(data: Mapping[str, Any], path: Path) -> None:
     """`data` as one JSON file; a number that is not finite becomes null."""
     partial = _beside(path)
     partial.write_text(json.dumps(_finite(data), indent=2, allow_nan=False, ensure_ascii=False), encoding="utf-8")
-    os.replace(partial, path)
+    partial.replace(path)
 
 
 def _finding(f: Finding) -> dict[str, Any]:
