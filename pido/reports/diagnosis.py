@@ -1,0 +1,201 @@
+"""The page of a diagnosis, for somebody who does not know the method.
+
+In:  a Diagnosis and the recordings that it was made on.
+Out: a Page: the verdict in one sentence; recorded, simulated and corrected signal at the worst place; where it acts;
+     the evidence; what was tried and rejected; what to record next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from bokeh.models import BoxAnnotation, ColorBar, LinearColorMapper
+from bokeh.palettes import Cividis256
+from bokeh.plotting import figure
+
+from pido.core.columns import CURRENT, POSITION, VELOCITY
+from pido.core.recording import Recording
+from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
+from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
+from pido.reports.words import in_words
+
+AROUND_WORST_S = 12.0
+"""Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
+MOST_MAP_POINTS = 3000
+
+
+def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
+    """The page; plots are drawn for the strongest finding of each axis."""
+    by_part = {r.part.part: r for r in recordings}
+    machines = sorted({r.part.machine for r in recordings})
+    sections = [_overview(diagnosis)] if diagnosis.findings else []
+    drawn: set[str] = set()
+    for finding in diagnosis.findings:
+        figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
+        drawn.add(finding.axis)
+        sections.append(_finding(finding, figures))
+    next_recordings = _what_to_record(diagnosis)
+    if next_recordings:
+        sections.append(Section("What to record next", next_recordings))
+    if diagnosis.notes:
+        sections.append(Section("What these data could not answer", diagnosis.notes))
+    if diagnosis.rejected:
+        rows = [(r.axis, in_words(r.mechanism), r.mechanism, r.reason) for r in diagnosis.rejected]
+        sections.append(
+            Section("Tried and rejected", table=Table(("axis", "what", "identifier", "why"), rows), folded=True)
+        )
+    return Page(f"Diagnosis of {', '.join(machines)}: {len(by_part)} part(s)", verdict(diagnosis), sections)
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """The result in one or two sentences."""
+    if not diagnosis.findings:
+        return "Simulation and recording agree within the noise: nothing systematic is left out on any axis."
+    first = diagnosis.findings[0]
+    text = (
+        f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}. "
+        f"With it the error on data that was not used for the fit falls from {number(first.fit.rmse_before)} to "
+        f"{number(first.fit.rmse_after)} A."
+    )
+    others = len(diagnosis.findings) - 1
+    if others:
+        text += f" {others} further finding{'s' if others > 1 else ''} below."
+    if diagnosis.clean_axes:
+        text += f" Nothing significant on: {', '.join(diagnosis.clean_axes)}."
+    return text
+
+
+def _overview(diagnosis: Diagnosis) -> Section:
+    rows = [
+        (
+            f.axis,
+            in_words(f.mechanism),
+            f.kind.replace("_", " "),
+            f.where.summary,
+            f"{number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}",
+            number(f.evidence.q_value, 2),
+        )
+        for f in diagnosis.findings
+    ]
+    head = ("axis", "what", "kind", "where", "held-out RMSE, A", "q")
+    return Section("Findings, the strongest first", table=Table(head, rows))
+
+
+def _finding(f: Finding, figures: list[figure]) -> Section:
+    lines = [f"{in_words(f.mechanism)}: {f.equation}", f"Where: {f.where.summary}"]
+    if f.where.workpiece:
+        lines.append(f"On the workpiece: {f.where.workpiece}")
+    if f.where.nc_lines:
+        shown = ", ".join(map(str, f.where.nc_lines[:20]))
+        lines.append(f"NC blocks: {shown}{' …' if len(f.where.nc_lines) > 20 else ''}")
+    lines.append(
+        f"Evidence: p = {number(f.evidence.p_value, 2)}, corrected for all questions asked q = "
+        f"{number(f.evidence.q_value, 2)}; difference in BIC {number(f.evidence.delta_bic)}. "
+        f"R² {number(f.fit.r2_before)} → {number(f.fit.r2_after)} ({f.fit.scheme}, p = {number(f.fit.p_value, 2)})."
+    )
+    if f.replaces:
+        lines.append(f"It takes the place of: {', '.join(f.replaces)}. Do not add the same physics twice.")
+    if f.alternatives:
+        names = ", ".join(f"{in_words(a.mechanism)} (ΔBIC {number(a.delta_bic)})" for a in f.alternatives)
+        lines.append(f"These data would also allow: {names}.")
+    rows = [
+        (name, f"{number(e.value, 4)} {e.unit}", f"{number(e.ci95[0], 4)} … {number(e.ci95[1], 4)} {e.unit}")
+        for name, e in f.parameters.items()
+    ]
+    table = Table(("parameter", "value", "95 % interval"), rows) if rows else None
+    return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
+
+
+def _what_to_record(diagnosis: Diagnosis) -> list[str]:
+    return [
+        f"Axis {f.axis}, {f.mechanism} or {a.mechanism}: {a.to_tell_apart}"
+        for f in diagnosis.findings
+        for a in f.alternatives
+        if a.to_tell_apart
+    ]
+
+
+def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording]) -> list[figure]:
+    axis = finding.axis
+    shown = {p: s for p, s in diagnosis.parts.items() if axis in s.corrected and p in by_part}
+    if not shown:
+        return []
+    part = max(shown, key=lambda p: float(np.nanmax(np.abs(shown[p].mismatch[axis]), initial=0.0)))
+    recording, series = by_part[part], shown[part]
+    return [
+        _worst_place(part, axis, recording, series),
+        _over_time(part, axis, recording, series),
+        *_map(axis, shown, by_part),
+    ]
+
+
+def _worst_place(part: str, axis: str, recording: Recording, series: PartSeries) -> figure:
+    time = series.time
+    # The stretch, not the sample, with the largest mismatch: a single spike is not what the reader has to see.
+    power = np.nan_to_num(series.mismatch[axis]) ** 2
+    step = max(float(np.median(np.diff(time))), 1e-6)
+    width = max(1, min(len(time), int(AROUND_WORST_S / step)))
+    total = np.cumsum(np.concatenate([[0.0], power]))
+    start = int(np.argmax(total[width:] - total[:-width]))
+    window = slice(start, start + width)
+    plot = signal_figure(f"Part {part}, axis {axis}: where it differs most", "time, s", "current, A")
+    simulated = series.corrected[axis] - series.mismatch[axis]
+    lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
+    if CURRENT[axis] in recording:
+        lines.insert(0, ("recorded", recording[CURRENT[axis]], "solid"))
+    for name, values, dash in lines:
+        x, y = extremes(time[window], np.asarray(values, float)[window])
+        plot.line(x, y, color=COLOURS[name], legend_label=name, line_dash=dash, line_width=1.6)
+    plot.legend.click_policy = "hide"
+    return plot
+
+
+def _over_time(part: str, axis: str, recording: Recording, series: PartSeries) -> figure:
+    plot = signal_figure(f"Part {part}, axis {axis}: difference over the whole part", "time, s", "current, A", 220)
+    if CURRENT[axis] in recording:
+        simulated = series.corrected[axis] - series.mismatch[axis]
+        x, y = extremes(series.time, recording[CURRENT[axis]] - simulated)
+        plot.line(x, y, color="#999999", legend_label="recorded − simulated")
+    x, y = extremes(series.time, series.mismatch[axis])
+    plot.line(x, y, color=COLOURS["mismatch"], legend_label="systematic part", line_width=1.6)
+    for start, end in _runs(series.score[axis] > 0.5, series.time)[:200]:
+        plot.add_layout(BoxAnnotation(left=start, right=end, fill_color=COLOURS["band"], fill_alpha=0.25))
+    plot.legend.click_policy = "hide"
+    return plot
+
+
+def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording]) -> list[figure]:
+    """Where: over the workpiece and over the speeds, coloured by the size of the mismatch."""
+    planes = [
+        ("Where on the machine table", POSITION["x"], POSITION["y"], "mm"),
+        ("At which speeds", VELOCITY["x"], VELOCITY["y"], "mm/s"),
+    ]
+    figures = []
+    for title, first, second, unit in planes:
+        usable = [p for p in shown if first in by_part[p] and second in by_part[p]]
+        if not usable:
+            continue
+        each = MOST_MAP_POINTS // len(usable)
+        x, y, size = (
+            np.concatenate([np.asarray(get(p), float)[thin(len(shown[p].time), each)] for p in usable])
+            for get in (
+                lambda p, c=first: by_part[p][c],
+                lambda p, c=second: by_part[p][c],
+                lambda p: np.abs(shown[p].mismatch[axis]),
+            )
+        )
+        high = float(np.nanquantile(size, 0.99)) or 1.0
+        mapper = LinearColorMapper(palette=list(Cividis256), low=0.0, high=high)
+        plot = signal_figure(
+            f"{title}: size of the mismatch on axis {axis}", f"{first}, {unit}", f"{second}, {unit}", 380
+        )
+        plot.scatter("x", "y", source={"x": x, "y": y, "A": size}, color={"field": "A", "transform": mapper}, size=4)
+        plot.add_layout(ColorBar(color_mapper=mapper, title="A"), "right")
+        figures.append(plot)
+    return figures
+
+
+def _runs(mask: np.ndarray, time: np.ndarray) -> list[tuple[float, float]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [(float(time[a]), float(time[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]

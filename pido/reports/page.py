@@ -1,0 +1,137 @@
+"""One self-contained HTML page: a verdict first, then sections with plots that zoom, details folded.
+
+In:  sections of text, tables and Bokeh figures.
+Out: HTML that opens offline, prints on A4 and fits a phone. Text is escaped by the template; only Bokeh's own markup
+     goes in as it is. Size: BokehJS is 1.3 MB, so that a page with decimated signals stays under 3 MB.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bokeh.embed import components
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+
+from pido import __version__
+from pido.core.arrays import Float1D
+
+# Okabe & Ito (2008): told apart by colour-blind readers and in grey.
+COLOURS = {
+    "recorded": "#000000",
+    "simulated": "#E69F00",
+    "corrected": "#0072B2",
+    "mismatch": "#D55E00",
+    "fourth": "#009E73",
+    "fifth": "#CC79A7",
+    "band": "#56B4E9",
+}
+MOST_POINTS = 4000
+"""Per line and plot: more than a screen can show, few enough for the page to stay small."""
+
+
+@dataclass(frozen=True)
+class Table:
+    head: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with paragraphs, a table and figures; `folded` hides it behind its heading."""
+
+    title: str
+    text: Sequence[str] = ()
+    table: Table | None = None
+    figures: Sequence[Any] = ()
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Page:
+    title: str
+    verdict: str
+    sections: Sequence[Section] = field(default=())
+
+
+def render(page: Page) -> str:
+    """The page as HTML."""
+    plots = [plot for section in page.sections for plot in section.figures]
+    script, divs = components(plots) if plots else ("", ())
+    queue = iter(divs)
+    embedded = [[Markup(next(queue)) for _ in section.figures] for section in page.sections]
+    bokeh = Resources(mode="inline", components=["bokeh"])
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            page=page,
+            sections=list(zip(page.sections, embedded, strict=True)),
+            library=Markup(bokeh.render_js()) if plots else "",
+            script=Markup(script),
+            version=__version__,
+        )
+    )
+
+
+def write_page(page: Page, path: Path) -> None:
+    """The page as one file, replaced whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(render(page), encoding="utf-8")
+    partial.replace(path)
+
+
+def signal_figure(title: str, x_label: str, y_label: str, height: int = 280) -> figure:
+    """An empty plot that zooms and pans, as wide as the page, with units on its axes."""
+    plot = figure(
+        title=title,
+        x_axis_label=x_label,
+        y_axis_label=y_label,
+        height=height,
+        sizing_mode="stretch_width",
+        tools="xpan,xwheel_zoom,box_zoom,reset,save,hover",
+        output_backend="canvas",
+    )
+    plot.toolbar.logo = None
+    return plot
+
+
+def thin(n: int, most: int = MOST_POINTS) -> slice:
+    """Every k-th of n points, so that at most `most` remain."""
+    return slice(None, None, max(1, -(-n // most)))
+
+
+def extremes(x: Float1D, y: Float1D, most: int = MOST_POINTS) -> tuple[Float1D, Float1D]:
+    """x, y (n,) thinned to at most `most` points that keep each stretch's lowest and highest value."""
+    n = len(x)
+    if n <= most:
+        return x, y
+    edges = np.linspace(0, n, most // 2 + 1).astype(int)
+    filled = np.where(np.isfinite(y), y, 0.0)
+    low = [a + int(np.argmin(filled[a:b])) for a, b in itertools.pairwise(edges)]
+    high = [a + int(np.argmax(filled[a:b])) for a, b in itertools.pairwise(edges)]
+    keep = np.unique([*low, *high])
+    return x[keep], y[keep]
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number as a person writes it; a dash where there is none.
+
+    >>> number(0.012345), number(1234.5), number(float("nan"))
+    ('0.0123', '1234', '–')
+    """
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.{digits}g}"
+
+
+def _environment() -> Environment:
+    return Environment(loader=PackageLoader("pido.reports"), autoescape=True, trim_blocks=True, lstrip_blocks=True)

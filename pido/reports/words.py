@@ -1,0 +1,47 @@
+"""What an operator calls each mechanism: the vocabulary's identifiers in plain words."""
+
+MECHANISMS = {
+    "coulomb_friction": "constant friction against the motion",
+    "viscous_friction": "friction that grows with speed",
+    "stribeck_friction": "friction that rises as the axis slows down",
+    "standstill_friction": "friction that the axis goes on holding while it stands still",
+    "friction_asymmetry": "friction that differs between the two directions",
+    "load_dependent_friction": "guideway friction that grows with the process load",
+    "position_dependent_friction": "friction that varies along the travel",
+    "presliding_hysteresis": "friction that builds up over a short distance after each reversal",
+    "backlash": "a transient after each reversal while lost motion is taken up",
+    "inertia": "force needed to accelerate the axis",
+    "gravity_load": "weight that the axis carries",
+    "axis_coupling": "a reaction to another axis' motion",
+    "torque_ripple": "a current that repeats along the axis position",
+    "cutting_force": "the process force while cutting",
+    "edge_force": "rubbing of the engaged cutting edge, however thin the chip",
+    "tool_wear": "cutting load that grows as the tool wears",
+    "material_hard_zone": "a region of the workpiece that cuts differently",
+    "coolant_load": "a load while coolant is on",
+    "spindle_viscous_drag": "spindle drag that grows with its speed",
+    "spindle_windage": "spindle drag that grows with the square of its speed",
+    "spindle_inertia": "torque needed to accelerate the spindle",
+    "spindle_torque_load": "cutting torque on the spindle",
+    "thermal_drift": "a load that settles as the machine warms up or cools down",
+    "current_saturation": "a current that is no longer proportional to torque",
+    "external_force": "a force over separate stretches of time, tied to nothing that was measured",
+    "time_misalignment": "recording and simulation are shifted in time",
+    "sensor_gain": "the measured current is scaled",
+    "sensor_offset": "the measured current is shifted by a constant",
+    "sensor_clipping": "the measured current is limited",
+    "input_fault": "a motion signal that the simulation used is wrong",
+    "unknown": "a systematic mismatch that no known mechanism explains",
+}
+
+
+def in_words(mechanism: str) -> str:
+    """Plain words for a mechanism's identifier.
+
+    >>> in_words("miscalibrated:inertia")
+    'a wrong coefficient for: force needed to accelerate the axis'
+    """
+    head, _, inner = mechanism.partition(":")
+    if head == "miscalibrated":
+        return f"a wrong coefficient for: {in_words(inner)}"
+    return MECHANISMS.get(mechanism, mechanism)

@@ -1,0 +1,137 @@
+"""The contract's files and the page, from a diagnosis whose content is known."""
+
+import json
+from html.parser import HTMLParser
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pido.core.errors import DiagnosisError
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis import contract
+from pido.diagnosis.finding import (
+    Alternative,
+    Diagnosis,
+    Estimate,
+    Evidence,
+    Finding,
+    HeldOut,
+    Interval,
+    PartSeries,
+    Rejected,
+    Where,
+)
+from pido.reports.diagnosis import diagnosis_page
+from pido.reports.page import extremes, render, write_page
+
+HOSTILE = '../<script>alert("p")</script>'
+
+
+class _Fetched(HTMLParser):
+    """What a browser would load for the page's own tags (the text of a script is not parsed as tags)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.urls: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.urls += [value for name, value in attrs if name in ("src", "href") and value]
+
+
+def _recording(part: str = "p01", n: int = 30_000) -> Recording:
+    t = np.arange(n) / 50.0
+    v = 5.0 * np.sin(t)
+    columns = {"time": t, "v_x": v, "v_y": v * 0.3, "pos_x": np.cumsum(v) / 50, "pos_y": np.cumsum(v) / 150}
+    columns["curr_x"] = np.sign(v) * 1.4
+    return Recording(PartInfo(part=part, machine="m1"), columns)
+
+
+def _diagnosis(part: str = "p01") -> tuple[Diagnosis, Recording]:
+    recording = _recording(part)
+    mismatch = 0.4 * np.sign(recording["v_x"])
+    series = PartSeries(
+        recording.time, {"x": mismatch}, {"x": (np.abs(mismatch) > 0.1).astype(float)}, {"x": recording["curr_x"]}
+    )
+    finding = Finding(
+        axis="x",
+        mechanism="stribeck_friction",
+        kind="missing_physics",
+        equation="dI_x = (F_s - F_c) * exp(-(|v_x|/v_s)^2) * sgn(v_x)",
+        parameters={"F_s": Estimate(0.41, "A", (0.37, 0.45))},
+        where=Where("below |v_x| = 1.3 mm/s", ("|v_x| < 1.3",), (Interval(part, 12.4, 13.1, 0.97),)),
+        evidence=Evidence(1e-6, 3e-6, 212.0),
+        fit=HeldOut("leave-one-part-out", 0.31, 0.12, 0.62, float("nan"), 1e-5),
+        replaces=("sgn(v_x)",),
+        alternatives=(Alternative("presliding_hysteresis", 14.0, "an air cut at three feeds, 40 s"),),
+    )
+    rejected = (Rejected("x", "backlash", "no gain on unseen parts"),)
+    return Diagnosis((finding,), ("y", "z", "sp"), {part: series}, {"terms": []}, rejected), recording
+
+
+def test_the_files_hold_exactly_the_keys_of_the_contract(tmp_path):
+    diagnosis, _ = _diagnosis()
+    contract.write(diagnosis, tmp_path)
+    written = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert set(written) == {"schema", "findings", "clean_axes"}
+    assert written["schema"] == "pido.diagnosis/1"
+    (finding,) = written["findings"]
+    assert set(finding) == {
+        "axis", "mechanism", "kind", "equation", "parameters", "where", "evidence", "fit", "replaces", "alternatives",
+    }  # fmt: skip
+    assert finding["parameters"] == {"F_s": {"value": 0.41, "unit": "A", "ci95": [0.37, 0.45]}}
+    assert set(finding["where"]) == {"summary", "conditions", "intervals"}
+    assert finding["where"]["intervals"] == [{"part": "p01", "t_start": 12.4, "t_end": 13.1, "score": 0.97}]
+    assert finding["alternatives"] == [{"mechanism": "presliding_hysteresis", "delta_bic": 14.0}]
+    assert finding["fit"]["r2_after"] is None  # JSON has no NaN
+    table = pq.read_table(tmp_path / "parts" / "p01.parquet")
+    assert table.column_names == ["time", "mismatch_x", "mismatch_score_x", "curr_x_corrected"]
+    assert table.num_rows == 30_000
+
+
+def test_a_model_comes_back_as_it_was_written_and_another_file_is_refused(tmp_path):
+    diagnosis, _ = _diagnosis()
+    contract.write(diagnosis, tmp_path)
+    assert contract.read_model(tmp_path) == {"terms": []}
+    (tmp_path / "model.json").write_text('{"schema": "something else"}')
+    with pytest.raises(DiagnosisError, match="schema"):
+        contract.read_model(tmp_path)
+    with pytest.raises(DiagnosisError, match="pido diagnose"):
+        contract.read_model(tmp_path / "nowhere")
+
+
+def test_a_part_with_a_hostile_name_stays_in_its_folder_and_is_shown_not_run(tmp_path):
+    diagnosis, recording = _diagnosis(HOSTILE)
+    contract.write(diagnosis, tmp_path / "out")
+    assert [p.parent for p in tmp_path.rglob("*.parquet")] == [tmp_path / "out" / "parts"]
+    assert '<script>alert("p")' not in render(diagnosis_page(diagnosis, [recording]))
+
+
+def test_the_page_is_one_small_file_that_fetches_nothing(tmp_path):
+    diagnosis, recording = _diagnosis()
+    page = tmp_path / "report.html"
+    write_page(diagnosis_page(diagnosis, [recording]), page)
+    html = page.read_text(encoding="utf-8")
+    assert page.stat().st_size <= 3_000_000
+    fetched = _Fetched()
+    fetched.feed(html)
+    assert fetched.urls == []
+    for wanted in ("stribeck_friction", "0.31", "0.12", "an air cut at three feeds, 40 s", "no gain on unseen parts"):
+        assert wanted in html
+
+
+def test_with_nothing_found_the_page_says_so():
+    _, recording = _diagnosis()
+    html = render(diagnosis_page(Diagnosis((), ("x",), {}, {}), [recording]))
+    assert "nothing systematic is left out" in html
+
+
+def test_thinning_a_signal_keeps_its_extremes():
+    y = np.zeros(100_000)
+    y[12_345], y[54_321] = 7.0, -9.0
+    x, thinned = extremes(np.arange(100_000.0), y, most=500)
+    assert len(x) <= 500
+    assert thinned.max() == 7.0
+    assert thinned.min() == -9.0
+    assert x[np.argmax(thinned)] == 12_345
