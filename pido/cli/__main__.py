@@ -1,0 +1,5 @@
+"""`python -m pido.cli`."""
+
+from pido.cli import main
+
+main()

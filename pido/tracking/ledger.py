@@ -1,0 +1,226 @@
+"""The ledger: what arrived, what became of it, and which iterations and versions there are. It is the truth.
+
+In:  facts, each written in one transaction of a local SQLite file.
+Out: the same facts. Everything else - MLflow, Prefect, events - may be lost and is brought up to it again.
+
+Light on purpose: a second pass over known parts imports neither MLflow nor scikit-learn.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pido.core.errors import StoreError
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS arrivals(
+  key TEXT PRIMARY KEY, name TEXT NOT NULL, state TEXT NOT NULL CHECK (state IN ('taken', 'rejected')),
+  part TEXT, reason TEXT NOT NULL DEFAULT '', at REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS parts(
+  number INTEGER PRIMARY KEY AUTOINCREMENT, digest TEXT NOT NULL UNIQUE, machine TEXT NOT NULL,
+  name TEXT NOT NULL, at REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS iterations(
+  run_key TEXT PRIMARY KEY, machine TEXT NOT NULL, part TEXT NOT NULL, version INTEGER NOT NULL,
+  summary TEXT NOT NULL, logged TEXT NOT NULL DEFAULT '', at REAL NOT NULL);
+CREATE TABLE IF NOT EXISTS versions(
+  machine TEXT NOT NULL, version INTEGER NOT NULL, bundle TEXT NOT NULL, run_key TEXT NOT NULL,
+  gate TEXT NOT NULL, at REAL NOT NULL, PRIMARY KEY (machine, version), UNIQUE (machine, bundle));
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A file or folder that arrived. `part`: digest of the part in it; `reason`: why it was rejected."""
+
+    key: str
+    name: str
+    state: str
+    part: str | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One iteration that is finished. `logged`: id of its MLflow run, '' while MLflow has not got it."""
+
+    run_key: str
+    machine: str
+    part: str
+    version: int
+    summary: dict[str, Any]
+    logged: str
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """A trained bundle with the gate's verdict: {'passed': bool, 'words': str, ...}."""
+
+    machine: str
+    version: int
+    bundle: str
+    run_key: str
+    gate: dict[str, Any]
+    at: float
+
+
+class Ledger:
+    """Facts of one workspace. Safe for several processes; a killed writer leaves all of a fact or nothing of it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with self._open() as db:
+                db.execute("PRAGMA journal_mode=WAL")
+                db.executescript(_SCHEMA)
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        try:
+            db = sqlite3.connect(self.path, timeout=60.0, isolation_level=None)
+            try:
+                db.execute("PRAGMA synchronous=FULL")
+                yield db
+            finally:
+                db.close()
+        except sqlite3.OperationalError as error:
+            raise StoreError(
+                f"{self.path}: the ledger cannot be read or written ({error}). Nothing was changed. "
+                "Check free space and permissions of the workspace."
+            ) from error
+        except sqlite3.DatabaseError as error:
+            raise StoreError(
+                f"{self.path}: the ledger is damaged ({error}). Bring it back from a backup; parts in the store are safe."
+            ) from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._open() as db:
+            db.execute("BEGIN IMMEDIATE")
+            try:
+                yield db
+                db.execute("COMMIT")
+            except BaseException:
+                if db.in_transaction:
+                    db.execute("ROLLBACK")
+                raise
+
+    def _rows(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
+        with self._open() as db:
+            return db.execute(query, values).fetchall()
+
+    def arrival(self, key: str) -> Arrival | None:
+        """What became of the arrival with this digest, or None."""
+        rows = self._rows("SELECT key, name, state, part, reason FROM arrivals WHERE key = ?", key)
+        return Arrival(*rows[0]) if rows else None
+
+    def took(self, key: str, name: str, part: str) -> None:
+        """This arrival is the part with digest `part`, and that part is in the store."""
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO arrivals(key, name, state, part, at) VALUES (?, ?, 'taken', ?, ?) "
+                "ON CONFLICT(key) DO UPDATE SET state = 'taken', part = excluded.part, reason = ''",
+                (key, name, part, time.time()),
+            )
+
+    def rejected(self, key: str, name: str, reason: str) -> None:
+        """This arrival cannot be used."""
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO arrivals(key, name, state, reason, at) VALUES (?, ?, 'rejected', ?, ?) "
+                "ON CONFLICT(key) DO UPDATE SET state = 'rejected', reason = excluded.reason, part = NULL",
+                (key, name, reason, time.time()),
+            )
+
+    def rejections(self) -> list[Arrival]:
+        """All arrivals that could not be used, newest last."""
+        rows = self._rows("SELECT key, name, state, part, reason FROM arrivals WHERE state = 'rejected' ORDER BY at")
+        return [Arrival(*row) for row in rows]
+
+    def parts(self, machine: str) -> list[str]:
+        """Digests of the parts that went through an iteration, in the order of arrival."""
+        return [d for (d,) in self._rows("SELECT digest FROM parts WHERE machine = ? ORDER BY number", machine)]
+
+    def machines(self) -> list[str]:
+        return [m for (m,) in self._rows("SELECT DISTINCT machine FROM parts ORDER BY machine")]
+
+    def iteration(self, run_key: str) -> Iteration | None:
+        rows = self._rows(f"SELECT {_ITERATION} FROM iterations WHERE run_key = ?", run_key)
+        return _iteration(rows[0]) if rows else None
+
+    def iterations(self, machine: str) -> list[Iteration]:
+        """All iterations of a machine, oldest first."""
+        rows = self._rows(f"SELECT {_ITERATION} FROM iterations WHERE machine = ? ORDER BY rowid", machine)
+        return [_iteration(row) for row in rows]
+
+    def not_logged(self) -> list[Iteration]:
+        """Iterations that MLflow has not got yet, oldest first."""
+        rows = self._rows(f"SELECT {_ITERATION} FROM iterations WHERE logged = '' ORDER BY rowid")
+        return [_iteration(row) for row in rows]
+
+    def finished(
+        self,
+        run_key: str,
+        machine: str,
+        part: str,
+        name: str,
+        bundle: str,
+        gate: dict[str, Any],
+        summary: dict[str, Any],
+    ) -> int:
+        """An iteration is done: its part counts from now on and its bundle has a version. One transaction.
+
+        A bundle that is already there keeps its version: the same state never gets two numbers.
+        """
+        now = time.time()
+        with self._transaction() as db:
+            done = db.execute("SELECT version FROM iterations WHERE run_key = ?", (run_key,)).fetchone()
+            if done:
+                return int(done[0])
+            db.execute(
+                "INSERT OR IGNORE INTO parts(digest, machine, name, at) VALUES (?, ?, ?, ?)", (part, machine, name, now)
+            )
+            known = db.execute(
+                "SELECT version FROM versions WHERE machine = ? AND bundle = ?", (machine, bundle)
+            ).fetchone()
+            if known:
+                version = int(known[0])
+            else:
+                last = db.execute("SELECT MAX(version) FROM versions WHERE machine = ?", (machine,)).fetchone()[0]
+                version = (last or 0) + 1
+                db.execute(
+                    "INSERT INTO versions(machine, version, bundle, run_key, gate, at) VALUES (?, ?, ?, ?, ?, ?)",
+                    (machine, version, bundle, run_key, json.dumps(gate), now),
+                )
+            db.execute(
+                "INSERT INTO iterations(run_key, machine, part, version, summary, at) VALUES (?, ?, ?, ?, ?, ?)",
+                (run_key, machine, part, version, json.dumps(summary), now),
+            )
+        return version
+
+    def logged(self, run_key: str, mlflow_run: str) -> None:
+        """MLflow has this iteration under `mlflow_run`."""
+        with self._transaction() as db:
+            db.execute("UPDATE iterations SET logged = ? WHERE run_key = ?", (mlflow_run, run_key))
+
+    def versions(self, machine: str) -> list[Version]:
+        """All versions of a machine, oldest first."""
+        rows = self._rows(
+            "SELECT machine, version, bundle, run_key, gate, at FROM versions WHERE machine = ? ORDER BY version",
+            machine,
+        )
+        return [Version(*row[:4], json.loads(row[4]), row[5]) for row in rows]
+
+
+_ITERATION = "run_key, machine, part, version, summary, logged"
+
+
+def _iteration(row: tuple[Any, ...]) -> Iteration:
+    return Iteration(*row[:4], json.loads(row[4]), row[5])

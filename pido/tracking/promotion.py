@@ -1,0 +1,204 @@
+"""Which version is in force, and the decisions that changed it.
+
+In:  a version whose gate was passed, and a person's decision with name and reason.
+Out: `registry/<machine>/champion.json`, replaced in one rename. It names one bundle, so four models, equation, limits
+     and data digest move together or not at all. It carries its own audit record: if the process dies between the
+     rename and the log, the next call completes the log from it.
+
+A human may refuse what the gate let through; a gate that was not passed cannot be waived. No server is needed, and
+MLflow's aliases follow afterwards (`pido.tracking.mirror`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import os
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pido.core.errors import RegistryError
+from pido.tracking import audit
+from pido.tracking.audit import Record
+from pido.tracking.bundle import Bundle, load, verify
+from pido.tracking.ledger import Ledger, Version
+from pido.workspace import Workspace, safe_name, write_atomically
+
+TOKEN = "PIDO_APPROVAL_TOKEN"
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A version and what became of it: champion, challenger, superseded, rejected, former champion."""
+
+    version: Version
+    state: str
+
+
+def champion(workspace: Workspace, machine: str) -> Record | None:
+    """The decision that is in force, or None while nothing was ever approved."""
+    path = _pointer(workspace, machine)
+    if not path.exists():
+        return None
+    try:
+        record = Record(**json.loads(path.read_text(encoding="utf-8")))
+    except (json.JSONDecodeError, TypeError):
+        raise RegistryError(f"{path}: unreadable; bring it back from a backup.") from None
+    if record.sealed().hash != record.hash:
+        raise RegistryError(f"{path}: changed outside the tool; bring it back from a backup.")
+    return record
+
+
+def champion_bundle(workspace: Workspace, machine: str) -> Bundle | None:
+    """The bundle in force, every byte of it checked, or None."""
+    record = champion(workspace, machine)
+    return None if record is None else verify(load(workspace.bundles, record.bundle))
+
+
+def standings(workspace: Workspace, machine: str) -> list[Standing]:
+    """All versions of a machine with what became of them, oldest first."""
+    versions = Ledger(workspace.ledger).versions(machine)
+    now = champion(workspace, machine)
+    last = {r.version: r.action for r in history(workspace, machine)}
+    newest = versions[-1].version if versions else 0
+
+    def state(v: Version) -> str:
+        if now and now.version == v.version:
+            return "champion"
+        if last.get(v.version) == "reject":
+            return "rejected"
+        if v.version in last:
+            return "former champion"
+        return "challenger" if v.version == newest else "superseded"
+
+    return [Standing(v, state(v)) for v in versions]
+
+
+def history(workspace: Workspace, machine: str) -> list[Record]:
+    """All decisions on a machine's versions, oldest first; the chain is checked."""
+    return _complete(audit.read(_log(workspace, machine)), champion(workspace, machine))
+
+
+def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
+    """Put `version` in force. Approving the champion again changes nothing.
+
+    Raises RegistryError if there is no such version, its gate was not passed, it was rejected, its bundle is damaged,
+    or the credential is wrong.
+    """
+    _check_person(workspace, by, reason)
+    with workspace.lock(machine, timeout_s=30.0):
+        _recover(workspace, machine)
+        found = _version(workspace, machine, version)
+        now = champion(workspace, machine)
+        if now and now.version == version:
+            return now
+        if not found.gate.get("passed"):
+            raise RegistryError(
+                f"{machine} version {version} did not pass its gate and cannot be approved: {found.gate.get('words', '')} "
+                "A failed gate cannot be waived; the next parts bring a new version."
+            )
+        if any(r.version == version and r.action == "reject" for r in history(workspace, machine)):
+            raise RegistryError(f"{machine} version {version} was rejected and stays so; approve another version.")
+        verify(load(workspace.bundles, found.bundle))
+        return _put_in_force(workspace, "approve", found, by, reason)
+
+
+def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
+    """Refuse `version` for good. The champion is not rejected but rolled back."""
+    _check_person(workspace, by, reason)
+    with workspace.lock(machine, timeout_s=30.0):
+        _recover(workspace, machine)
+        found = _version(workspace, machine, version)
+        now = champion(workspace, machine)
+        if now and now.version == version:
+            raise RegistryError(f"{machine} version {version} is the champion: use `pido rollback` to take it out.")
+        for record in history(workspace, machine):
+            if record.version == version and record.action == "reject":
+                return record
+        record = _record(workspace, "reject", found, by, reason)
+        audit.append(_log(workspace, machine), record)
+        return record
+
+
+def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Record:
+    """Put the champion before the present one back in force; called again, the one before that."""
+    _check_person(workspace, by, reason)
+    with workspace.lock(machine, timeout_s=30.0):
+        _recover(workspace, machine)
+        stack: list[int] = []
+        for record in history(workspace, machine):
+            if record.action == "approve":
+                stack.append(record.version)
+            elif record.action == "rollback":
+                stack.pop()
+        if len(stack) < 2:
+            raise RegistryError(f"{machine}: there is no champion before the present one to go back to.")
+        found = _version(workspace, machine, stack[-2])
+        verify(load(workspace.bundles, found.bundle))
+        return _put_in_force(workspace, "rollback", found, by, reason)
+
+
+def _put_in_force(workspace: Workspace, action: str, version: Version, by: str, reason: str) -> Record:
+    record = _record(workspace, action, version, by, reason)
+    write_atomically(_pointer(workspace, version.machine), json.dumps(asdict(record), sort_keys=True, indent=1))
+    audit.append(_log(workspace, version.machine), record)
+    return record
+
+
+def _recover(workspace: Workspace, machine: str) -> None:
+    """Complete the log where a process died between replacing the pointer and writing the record."""
+    now = champion(workspace, machine)
+    path = _log(workspace, machine)
+    if now and now not in audit.read(path):
+        audit.append(path, now)
+
+
+def _complete(records: list[Record], now: Record | None) -> list[Record]:
+    if now is None or now in records:
+        return records
+    if now.previous != (records[-1].hash if records else audit.GENESIS):
+        raise RegistryError(
+            f"{now.machine}: champion and audit log do not belong together; bring both back from a backup."
+        )
+    return [*records, now]
+
+
+def _record(workspace: Workspace, action: str, version: Version, by: str, reason: str) -> Record:
+    return audit.next_record(
+        _log(workspace, version.machine),
+        action=action,
+        machine=version.machine,
+        version=version.version,
+        bundle=version.bundle,
+        by=by,
+        reason=reason,
+        at=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _version(workspace: Workspace, machine: str, version: int) -> Version:
+    known = {v.version: v for v in Ledger(workspace.ledger).versions(machine)}
+    if version not in known:
+        raise RegistryError(
+            f"{machine} has no version {version}. Versions: {', '.join(map(str, known)) or 'none yet'}."
+        )
+    return known[version]
+
+
+def _check_person(workspace: Workspace, by: str, reason: str) -> None:
+    if not by.strip() or not reason.strip():
+        raise RegistryError("A decision needs who made it and why: give --by and --reason.")
+    wanted = workspace.settings.approval_token_sha256
+    given = hashlib.sha256(os.environ.get(TOKEN, "").encode()).hexdigest()
+    if wanted and not hmac.compare_digest(wanted, given):
+        raise RegistryError(f"This workspace asks for a credential: set {TOKEN} to the token that was handed out.")
+
+
+def _pointer(workspace: Workspace, machine: str) -> Path:
+    return workspace.registry / safe_name(machine) / "champion.json"
+
+
+def _log(workspace: Workspace, machine: str) -> Path:
+    return workspace.registry / safe_name(machine) / "audit.jsonl"

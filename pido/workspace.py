@@ -1,0 +1,255 @@
+"""A workspace: one folder with everything that production writes, and the settings it runs under.
+
+In:  a folder; `workspace.toml` in it, where a person has written one.
+Out: the places of store, ledger, bundles, registry and locks, and the key under which a result is known:
+     the digest of what decides it (parts, method settings, seed, code).
+
+    plant/
+      workspace.toml   settings (optional)
+      inbox/           where parts arrive                rejected/   parts that cannot be used, each with its reason
+      store/           recordings, append-only           derived/    the samples made from them (can be deleted)
+      ledger.db        what was done with each part      runs/       what each iteration found, by run key
+      bundles/         models + equation + limits        registry/   champion per machine, audit log
+      mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt
+
+from pido import __version__
+from pido.config import parse, read_toml
+from pido.core.errors import SettingsError, StoreError
+
+_METHOD = ("core", "physics", "process", "recordings", "feature_space", "equations", "sampling", "models")
+
+
+class WorkspaceSettings(BaseModel):
+    """The content of `workspace.toml`; unknown keys are refused by name."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    machine: str | None = Field(default=None, description="machine of recordings that do not name theirs")
+    jobs: dict[str, Path] = Field(
+        default_factory=dict, description="per machine, the job file (material, tools, stock) of parts that name none"
+    )
+    machines_file: Path | None = Field(default=None, description="TOML with further machines")
+    materials_file: Path | None = Field(default=None, description="TOML with further materials")
+    method: dict[str, Any] = Field(default_factory=dict, description="settings of the method; see MethodSettings")
+    seed: NonNegativeInt = Field(default=0, description="of everything that draws at random")
+    rate_hz: PositiveFloat = Field(default=50.0, description="samples per second that the method works on, 1/s")
+    rivals: bool = Field(default=True, description="train real-only, +PiA and +PiE beside +both, to compare")
+    gate_parts: PositiveInt = Field(default=5, description="most recent parts on which the gate compares")
+    tracking_uri: str | None = Field(default=None, description="MLflow server; none: mlflow.db in the workspace")
+    approval_token_sha256: str | None = Field(
+        default=None, pattern="^[0-9a-f]{64}$", description="SHA-256 of the token that approval asks for"
+    )
+    settle_s: PositiveFloat = Field(default=2.0, description="an arriving file must stay unchanged this long, s")
+    scan_s: PositiveFloat = Field(default=30.0, description="the inbox is looked through at least this often, s")
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    root: Path
+    settings: WorkspaceSettings
+
+    @classmethod
+    def open(cls, root: Path | str, **changes: Any) -> Workspace:
+        """The workspace at `root`, made if it is not there. `changes` go over the settings of its file.
+
+        Raises SettingsError for a fault in `workspace.toml`, StoreError where the folder cannot be made.
+        """
+        root = Path(root).absolute()
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StoreError(
+                f"{root}: no workspace can be made here: {error.strerror}. Choose another folder."
+            ) from None
+        file = root / "workspace.toml"
+        content = {**(read_toml(file) if file.exists() else {}), **{k: v for k, v in changes.items() if v is not None}}
+        return cls(root, parse(WorkspaceSettings, content, str(file)))
+
+    @property
+    def inbox(self) -> Path:
+        return self.root / "inbox"
+
+    @property
+    def rejected(self) -> Path:
+        return self.root / "rejected"
+
+    @property
+    def store(self) -> Path:
+        return self.root / "store"
+
+    @property
+    def derived(self) -> Path:
+        return self.root / "derived"
+
+    @property
+    def runs(self) -> Path:
+        return self.root / "runs"
+
+    @property
+    def bundles(self) -> Path:
+        return self.root / "bundles"
+
+    @property
+    def registry(self) -> Path:
+        return self.root / "registry"
+
+    @property
+    def ledger(self) -> Path:
+        return self.root / "ledger.db"
+
+    @property
+    def tracking_uri(self) -> str:
+        return self.settings.tracking_uri or f"sqlite:///{self.root / 'mlflow.db'}"
+
+    def job_file(self, machine: str) -> Path | None:
+        """The job for parts of `machine` that do not say themselves what is cut, or None."""
+        job = self.settings.jobs.get(machine)
+        return None if job is None else (self.root / job)
+
+    def settings_digest(self, machine: str) -> str:
+        """Of all settings that decide a training set or a model of `machine`: method, rate, job and machine files."""
+        s = self.settings
+        own = [s.machines_file, s.materials_file, s.jobs.get(machine)]
+        return digest_of(
+            {
+                "method": s.method,
+                "rate_hz": s.rate_hz,
+                "files": [hashlib.sha256((self.root / f).read_bytes()).hexdigest() if f else None for f in own],
+            }
+        )
+
+    def run_key(self, machine: str, parts: list[str]) -> str:
+        """What an iteration over the *set* `parts` (digests) is known by: parts, settings, seed, code."""
+        return digest_of(
+            {
+                "machine": machine,
+                "parts": sorted(set(parts)),
+                "settings": self.settings_digest(machine),
+                "seed": self.settings.seed,
+                "code": code_version(),
+            }
+        )
+
+    @contextmanager
+    def lock(self, machine: str, timeout_s: float | None = None) -> Iterator[None]:
+        """One writer per machine at a time. The kernel frees it when its holder dies, however it dies.
+
+        Raises StoreError after `timeout_s`; None waits as long as it takes.
+        """
+        path = self.root / "locks" / f"{safe_name(machine)}.lock"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        with path.open("a+") as handle:
+            while True:
+                try:
+                    fcntl.flock(handle, fcntl.LOCK_EX | (0 if deadline is None else fcntl.LOCK_NB))
+                    break
+                except BlockingIOError:
+                    if deadline is not None and time.monotonic() >= deadline:
+                        raise StoreError(
+                            f"{self.root}: machine '{machine}' is in use by another run since more than {timeout_s:g} s. "
+                            "Wait for it, or look what holds it (`pido status`)."
+                        ) from None
+                    time.sleep(0.05)
+            yield
+
+
+@cache
+def code_version() -> str:
+    """Version of the package and a digest of the code that decides results."""
+    package = files("pido")
+    sources = hashlib.sha256()
+    for folder in _METHOD:
+        for name, text in _sources(Path(str(package)) / folder):
+            sources.update(name.encode() + b"\0" + text + b"\0")
+    sources.update(Path(str(package / "iteration.py")).read_bytes())
+    return f"{__version__}+{sources.hexdigest()[:12]}"
+
+
+def _sources(folder: Path) -> Iterator[tuple[str, bytes]]:
+    for path in sorted(folder.rglob("*.py")):
+        yield str(path.relative_to(folder)), path.read_bytes()
+
+
+def digest_of(content: Any) -> str:
+    """SHA-256 of `content` as canonical JSON."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":"), default=str).encode()).hexdigest()
+
+
+def safe_name(text: str) -> str:
+    """`text` as a file name: what could climb out of a folder or confuse a shell is replaced, and told apart by digest."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", text).lstrip(".")[:64]
+    return plain if plain == text else f"{plain or 'unnamed'}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write, flush to disk, rename: a reader sees the old content or the new, never a part of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with temporary.open("wb") as handle:
+            handle.write(content.encode() if isinstance(content, str) else content)
+            handle.flush()
+            os.fsync(handle.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    _sync_folder(path.parent)
+
+
+def arrival_digest(path: Path) -> str:
+    """SHA-256 of the bytes of a file, or of all files of a folder with their names: what arrived, before it is read.
+
+    Raises StoreError for what is neither, and for symbolic links: a link could lead anywhere.
+    """
+    if path.is_symlink():
+        raise StoreError(f"{path}: a symbolic link; only files and folders are taken. Copy what it points at.")
+    if path.is_file():
+        with path.open("rb") as handle:
+            return hashlib.file_digest(handle, "sha256").hexdigest()
+    if not path.is_dir():
+        raise StoreError(f"{path}: no such file or folder.")
+    total = hashlib.sha256()
+    for file in sorted(path.rglob("*")):
+        if file.is_symlink():
+            raise StoreError(f"{file}: a symbolic link inside a part's folder; copy what it points at.")
+        if file.is_file():
+            total.update(f"{file.relative_to(path)}\0{arrival_digest(file)}\n".encode())
+    return total.hexdigest()
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+Variant = Literal["real", "pia", "pie", "both"]
+
+
+def require_known(name: str, known: list[str], what: str) -> str:
+    """`name` if it is one of `known`, else a SettingsError that lists them."""
+    if name not in known:
+        raise SettingsError(f"{what} '{name}' is not known here. Known: {', '.join(known) or 'none'}.")
+    return name

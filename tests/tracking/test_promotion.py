@@ -1,0 +1,175 @@
+"""Approval, rejection, rollback: one step, none lost, none waived, all on record."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pido.core.errors import RegistryError
+from pido.tracking import audit, bundle, promotion
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace
+
+MACHINE = "m1"
+
+
+def add_version(workspace: Workspace, number: int, passed: bool = True) -> str:
+    models = {f"model_{axis}.skops": f"{axis}{number}".encode() for axis in ("x", "y", "z", "sp")}
+    made = bundle.save(workspace.bundles, {"machine": MACHINE, "parts": [f"p{number}"]}, models)
+    gate = {"passed": passed, "words": "x is worse by 3 %" if not passed else "no axis is worse"}
+    Ledger(workspace.ledger).finished(f"run{number}", MACHINE, f"p{number}", f"part {number}", made.digest, gate, {})
+    return made.digest
+
+
+@pytest.fixture
+def workspace(tmp_path) -> Workspace:
+    workspace = Workspace.open(tmp_path / "plant")
+    for number in (1, 2, 3):
+        add_version(workspace, number)
+    add_version(workspace, 4, passed=False)
+    return workspace
+
+
+def decide(action, workspace, *version, **who):
+    return action(workspace, MACHINE, *version, **{"by": "A. Ito", "reason": "good parts", **who})
+
+
+def test_nothing_is_in_force_until_a_person_approved_it(workspace):
+    assert promotion.champion(workspace, MACHINE) is None
+
+
+def test_approval_and_rollback_move_the_champion_and_back_through_all_that_were_before(workspace):
+    for version in (1, 2, 3):
+        decide(promotion.approve, workspace, version)
+    assert [decide(promotion.rollback, workspace).version for _ in range(2)] == [2, 1]
+    with pytest.raises(RegistryError, match="no champion before"):
+        decide(promotion.rollback, workspace)
+    assert promotion.champion(workspace, MACHINE).version == 1
+
+
+def test_a_gate_that_was_not_passed_cannot_be_waived(workspace):
+    with pytest.raises(RegistryError, match="x is worse by 3 %"):
+        decide(promotion.approve, workspace, 4, reason="I insist")
+    assert promotion.champion(workspace, MACHINE) is None
+
+
+def test_a_rejected_version_is_not_approved_any_more(workspace):
+    decide(promotion.reject, workspace, 2)
+    with pytest.raises(RegistryError, match="was rejected"):
+        decide(promotion.approve, workspace, 2)
+
+
+def test_each_decision_says_who_when_and_why(workspace):
+    decide(promotion.approve, workspace, 1, by="A. Ito", reason="three good parts")
+    decide(promotion.reject, workspace, 2, by="B. Ruiz", reason="worn tool")
+    log = promotion.history(workspace, MACHINE)
+    assert [(r.action, r.version, r.by, r.reason) for r in log] == [
+        ("approve", 1, "A. Ito", "three good parts"),
+        ("reject", 2, "B. Ruiz", "worn tool"),
+    ]
+
+
+@pytest.mark.parametrize("who", [{"by": " "}, {"reason": ""}])
+def test_a_decision_without_a_name_or_a_reason_is_refused(workspace, who):
+    with pytest.raises(RegistryError, match="who made it and why"):
+        decide(promotion.approve, workspace, 1, **who)
+
+
+@pytest.mark.parametrize("change", ["edit", "remove", "swap"])
+def test_an_audit_log_that_was_changed_by_hand_is_found_and_nothing_is_promoted_on_it(workspace, change):
+    for version in (1, 2, 3):
+        decide(promotion.approve, workspace, version)
+    path = workspace.registry / MACHINE / "audit.jsonl"
+    lines = path.read_text().splitlines(keepends=True)
+    if change == "edit":
+        lines[1] = lines[1].replace("A. Ito", "N. Obody")
+    elif change == "remove":
+        del lines[1]
+    else:
+        lines[0], lines[1] = lines[1], lines[0]
+    path.write_text("".join(lines))
+    with pytest.raises(RegistryError, match="changed outside"):
+        decide(promotion.rollback, workspace)
+    assert promotion.champion(workspace, MACHINE).version == 3
+
+
+def test_a_bundle_whose_model_file_was_swapped_is_not_put_in_force(workspace):
+    digest = Ledger(workspace.ledger).versions(MACHINE)[0].bundle
+    (workspace.bundles / digest / "model_x.skops").write_bytes(b"something else")
+    with pytest.raises(RegistryError, match="not the file that was registered"):
+        decide(promotion.approve, workspace, 1)
+
+
+def test_a_log_entry_cut_short_by_a_crash_is_no_entry(workspace):
+    decide(promotion.approve, workspace, 1)
+    path = workspace.registry / MACHINE / "audit.jsonl"
+    with path.open("ab") as handle:
+        handle.write(b'{"action": "appro')
+    decide(promotion.approve, workspace, 2)
+    assert [r.version for r in audit.read(path)] == [1, 2]
+
+
+@pytest.mark.parametrize("where", ["before the rename", "after the rename"])
+def test_a_promotion_that_dies_half_way_has_moved_all_or_nothing(workspace, where):
+    decide(promotion.approve, workspace, 1)
+    code = f"""
+import os, signal
+from pathlib import Path
+from pido.tracking import audit, promotion
+from pido.workspace import Workspace
+rename, append = Path.replace, audit.append
+def die(*a): os.kill(os.getpid(), signal.SIGKILL)
+if {where!r} == "before the rename":
+    Path.replace = die
+else:
+    audit.append = lambda path, record: record.version == 2 and die()
+promotion.approve(Workspace.open({str(workspace.root)!r}), {MACHINE!r}, 2, by="A", reason="B")
+"""
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -9
+    moved = where == "after the rename"
+    assert promotion.champion(workspace, MACHINE).version == (2 if moved else 1)
+    assert [r.version for r in promotion.history(workspace, MACHINE)] == ([1, 2] if moved else [1])
+    decide(promotion.approve, workspace, 3)
+    assert [r.version for r in audit.read(workspace.registry / MACHINE / "audit.jsonl")] == (
+        [1, 2, 3] if moved else [1, 3]
+    )
+
+
+def test_where_a_credential_is_asked_for_a_decision_without_it_is_refused(tmp_path, monkeypatch):
+    token = hashlib.sha256(b"open sesame").hexdigest()
+    workspace = Workspace.open(tmp_path / "plant", approval_token_sha256=token)
+    add_version(workspace, 1)
+    with pytest.raises(RegistryError, match="credential"):
+        decide(promotion.approve, workspace, 1)
+    monkeypatch.setenv(promotion.TOKEN, "open sesame")
+    assert decide(promotion.approve, workspace, 1).version == 1
+
+
+def test_rollback_through_the_command_line_takes_less_than_a_second(workspace):
+    for version in (1, 2):
+        decide(promotion.approve, workspace, version)
+    call = ["rollback", "--by", "A. Ito", "--reason", "alarms", "--workspace", str(workspace.root)]
+    start = time.perf_counter()
+    done = subprocess.run([sys.executable, "-m", "pido.cli", *call], capture_output=True, text=True, check=True)
+    assert "version 1 is champion" in done.stdout
+    assert time.perf_counter() - start < 1.0
+
+
+def test_status_names_champion_challenger_and_rejected_versions(workspace):
+    decide(promotion.approve, workspace, 1)
+    decide(promotion.reject, workspace, 2)
+    call = [sys.executable, "-m", "pido.cli", "status", "--json", "--workspace", str(workspace.root)]
+    answer = json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
+    states = [v["state"] for v in answer["machines"][MACHINE]["versions"]]
+    assert states == ["champion", "rejected", "superseded", "challenger"]
+
+
+def test_a_record_is_bound_to_its_content():
+    record = audit.Record(1, "approve", "m", 1, "b", "A", "r", "2026-01-01", audit.GENESIS).sealed()
+    assert dataclasses.replace(record, reason="other").sealed().hash != record.hash
