@@ -1,0 +1,83 @@
+"""The band's promises, on residuals whose law is known."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from pido.core.errors import FitError
+from pido.monitoring.alarms import Watch, judge
+from pido.monitoring.band import learn
+from pido.monitoring.residuals import PartResiduals
+
+RATE = 50.0
+
+
+def _good(name: str, rng: np.random.Generator, seconds: float = 100.0, sd: float = 0.05) -> PartResiduals:
+    """First-order autoregressive noise; three axes recorded, the fourth not; eight NC blocks with own small offsets."""
+    n = int(RATE * seconds)
+    noise = lfilter([np.sqrt(1 - 0.8**2)], [1, -0.8], rng.normal(size=(n, 3)), axis=0) * sd * np.exp(rng.normal() * 0.1)
+    block = np.arange(n) * 8 // n
+    residual = np.column_stack([noise + 0.02 * np.sin(block)[:, None], np.full(n, np.nan)])
+    return PartResiduals(name, np.arange(n) / RATE, residual, np.ones((n, 4)), np.full(n, "T1", object), block)
+
+
+def _with_step(part: PartResiduals, size: float, start: float, seconds: float) -> PartResiduals:
+    residual = part.residual.copy()
+    residual[(part.time >= start) & (part.time < start + seconds), 0] += size
+    return PartResiduals(part.part, part.time, residual, part.predicted, part.tool, part.block)
+
+
+@pytest.mark.parametrize(("known", "most"), [(1, 0.04), (3, 0.025), (10, 0.025)])
+def test_false_alarms_stay_near_what_is_tolerated_from_the_first_part_on(known, most):
+    rng = np.random.default_rng(known)
+    alarmed = 0
+    for _ in range(10):
+        band = learn([_good("g", rng) for _ in range(known)], tolerate=1.0)
+        alarmed += sum(not judge(_good("n", rng), band).good for _ in range(20))
+    assert alarmed / 200 <= most
+
+
+def test_the_band_narrows_as_parts_are_added():
+    rng = np.random.default_rng(0)
+
+    def width(parts: int) -> float:
+        band = learn([_good("g", rng) for _ in range(parts)])
+        return float(np.mean([np.ptp(band.limits("x", "T1", block)) for block in range(8)]))
+
+    assert np.mean([width(10) for _ in range(10)]) < np.mean([width(1) for _ in range(10)])
+
+
+def test_a_change_is_found_where_and_when_it_was():
+    rng = np.random.default_rng(1)
+    band = learn([_good("g", rng) for _ in range(3)])
+    found = 0
+    for _ in range(40):
+        verdict = judge(_with_step(_good("n", rng), 0.3, 40.0, 1.0), band)
+        alarms = [a for a in verdict.alarms if a.axis == "x"]
+        found += any(a.t_start <= 41.0 and a.t_end >= 40.0 and a.size_a > 0 and a.block == 3 for a in alarms)
+    assert found >= 38
+
+
+def test_watching_sample_by_sample_sees_what_judging_the_whole_part_sees():
+    rng = np.random.default_rng(2)
+    band = learn([_good("g", rng) for _ in range(3)])
+    part = _with_step(_good("n", rng), -0.4, 20.0, 2.0)
+    watch = Watch(band, RATE)
+    times = [
+        t
+        for t, r, tool, block in zip(part.time, part.residual, part.tool, part.block, strict=True)
+        if "x" in watch.push(dict(zip("xyz", r[:3], strict=True)), tool, int(block))
+    ]
+    alarms = [a for a in judge(part, band).alarms if a.axis == "x"]
+    assert alarms[-1].t_end == times[-1]
+    assert times[0] == pytest.approx(alarms[0].t_start + band.window_s - 1 / RATE)
+
+
+def test_an_axis_without_recording_is_named_as_unwatched():
+    rng = np.random.default_rng(3)
+    assert judge(_good("n", rng), learn([_good("g", rng)])).unwatched == ("sp",)
+
+
+def test_no_good_part_is_an_error_that_says_what_is_needed():
+    with pytest.raises(FitError, match="at least one good part"):
+        learn([])
