@@ -1,0 +1,350 @@
+"""One equation for all samples, and one per bin of the reduced space (paper, eq. 9 to 13), for four axes at once.
+
+In:  samples (exact distances: the definition) or per-bin statistics (fast), bins, a term set, a kernel per axis.
+Out: `LocalEquations`: currents, leverage, standard error and support wherever a sample lies.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+
+from pido.core.arrays import Bool1D, Float1D, Float2D, Float3D, Int1D, Int2D
+from pido.core.axes import AXES
+from pido.core.errors import FitError
+from pido.core.machining import Machine
+from pido.core.samples import Samples
+from pido.equations.moments import Moments
+from pido.equations.rows import patterns, products, stack, total, width
+from pido.equations.solve import Solution, excited, solve
+from pido.equations.terms import PAPER, TermSet
+from pido.equations.weights import PAPER_KERNELS, Kernel, WeightedSums, weighted_sums
+from pido.feature_space.density import locate
+from pido.feature_space.grid import EQUATION_GRID, Grid
+
+log = logging.getLogger(__name__)
+_CHUNK = 1 << 15
+
+
+@dataclass(frozen=True, eq=False)
+class GlobalEquation:
+    """One set of coefficients for all samples.
+
+    coefficients : (4, p), A at the machine's range; NaN for an axis without current
+    factor : (4, p, p); effective : (4,) – number of samples; noise : (4,), A; rank : (4,)
+    dropped : names of terms that the samples cannot tell from the constant, or that are zero throughout
+    """
+
+    terms: TermSet
+    machine: Machine
+    coefficients: Float2D
+    factor: Float3D
+    effective: Float1D
+    noise: Float1D
+    rank: Int1D
+    dropped: tuple[str, ...]
+
+    def predict(self, samples: Samples) -> Float2D:
+        """(n, 4), A: currents by this equation; NaN for an axis that was not recorded."""
+        return self.terms.design(samples, self.machine) @ self.coefficients.T
+
+
+@dataclass(frozen=True, eq=False)
+class LocalEquations:
+    """One set of coefficients per bin and axis; outside the fitted bins, the global equation.
+
+    bins : (b,), ascending ids of `grid`
+    coefficients : (4, b, p), A at the machine's range; NaN for an axis without current
+    effective : (4, b) – (sum w)² / sum w², how many samples a bin's equation really rests on
+    global_share : (4, b) – share of a bin's weight that is beta's, so the same for all bins
+    noise : (4, b), A – weighted residual of the fit; rank : (4, b)
+    locality : (4,), A² – mean square by which bins differ from the global equation beyond what noise explains
+    """
+
+    terms: TermSet
+    machine: Machine
+    grid: Grid
+    bins: Int1D
+    kernels: tuple[Kernel, ...]
+    coefficients: Float3D
+    effective: Float2D
+    global_share: Float2D
+    noise: Float2D
+    rank: Int2D
+    locality: Float1D
+    overall: GlobalEquation
+    blend: bool = False
+    _factor: tuple[Float3D, ...] = field(default=(), repr=False)
+
+    def predict(self, samples: Samples) -> Float2D:
+        """(n, 4), A: currents (eq. 13). With `blend`, drawn to the global equation as support runs out (`share`)."""
+        return self.predict_with_support(samples)[0] if self.blend else self._predict_plain(samples)
+
+    def predict_with_support(self, samples: Samples) -> tuple[Float2D, Float2D, Float2D]:
+        """Currents, their standard error and their leverage: (n, 4) in A, (n, 4) in A, (n, 4).
+
+        leverage : x' (sum w x x' / sum w)^-1 x over the effective number of samples. The variance of a prediction is
+            leverage times noise²; a direction that no sample moved in has a very large one, however many lie near.
+        The blend is the empirical-Bayes one: a bin differs from the global equation by a spread with variance
+        `locality`, its estimate is off by leverage times noise², so the bin's own word counts
+        locality / (locality + leverage noise²).
+        """
+        n = len(samples)
+        current, error, leverage = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
+        for start in range(0, n, _CHUNK):
+            part = samples.take(slice(start, start + _CHUNK))
+            rows = slice(start, start + len(part))
+            design = self.terms.design(part, self.machine)
+            known, at = locate(self.bins, self.grid.ids(part.reduced))
+            common = design @ self.overall.coefficients.T
+            for axis in range(4):
+                h_all = _quadratic(design, self.overall.factor[axis][None], np.zeros(len(part), np.int64))
+                h_all /= max(self.overall.effective[axis], 1.0)
+                out, lev = common[:, axis].copy(), h_all.copy()
+                err = np.sqrt(h_all) * self.overall.noise[axis]
+                if known.any() and np.isfinite(self.overall.coefficients[axis]).all():
+                    here, b = np.ascontiguousarray(design[known]), at[known]
+                    own = _dot(here, self.coefficients[axis], b)
+                    h = _quadratic(here, self._factor[axis], b) / self.effective[axis][b]
+                    variance = h * self.noise[axis][b] ** 2
+                    trust = np.ones(len(b))
+                    if self.blend:
+                        trust = self.locality[axis] / np.maximum(self.locality[axis] + variance, 1e-300)
+                    out[known] = trust * own + (1 - trust) * out[known]
+                    err[known] = np.sqrt(trust**2 * variance + (1 - trust) ** 2 * err[known] ** 2)
+                    lev[known] = h
+                current[rows, axis], error[rows, axis], leverage[rows, axis] = out, err, lev
+        return current, error, leverage
+
+    def _predict_plain(self, samples: Samples) -> Float2D:
+        out = np.empty((len(samples), 4))
+        for start in range(0, len(samples), _CHUNK):
+            part = samples.take(slice(start, start + _CHUNK))
+            design = self.terms.design(part, self.machine)
+            known, at = locate(self.bins, self.grid.ids(part.reduced))
+            values = design @ self.overall.coefficients.T
+            here = np.ascontiguousarray(design[known])
+            for axis in range(4):
+                values[known, axis] = _dot(here, self.coefficients[axis], at[known])
+            out[start : start + len(part)] = values
+        return out
+
+
+def fit_global(samples: Samples, machine: Machine, terms: TermSet = PAPER) -> GlobalEquation:
+    """One equation for all samples, each with weight 1 (paper: the global PE). FitError where there are none."""
+    return _Rows(samples, terms, machine).overall()
+
+
+def fit_local(
+    samples: Samples,
+    bins: Int1D,
+    machine: Machine,
+    *,
+    terms: TermSet = PAPER,
+    kernels: Sequence[Kernel] = PAPER_KERNELS,
+    grid: Grid = EQUATION_GRID,
+    blend: bool = False,
+) -> LocalEquations:
+    """One equation per bin, every sample weighted by its own distance (eq. 10 to 12): the exact form."""
+    return _Rows(samples, terms, machine).local(bins, kernels, grid, blend)
+
+
+def fit_local_from(
+    moments: Moments,
+    bins: Int1D,
+    *,
+    kernels: Sequence[Kernel] = PAPER_KERNELS,
+    grid: Grid = EQUATION_GRID,
+    blend: bool = False,
+) -> LocalEquations:
+    """The same from per-bin statistics: a sample's weight is that of the centroid of its cell.
+
+    Costs bins times cells, whatever the number of samples. The difference to the exact form falls with
+    (cell width / sigma)²; `approximation` measures it.
+    """
+    return _Cells(moments).local(bins, kernels, grid, blend)
+
+
+def fit_global_from(moments: Moments) -> GlobalEquation:
+    """The global equation from per-bin statistics: exactly the one that the samples give."""
+    return _Cells(moments).overall()
+
+
+def approximation(fast: LocalEquations, exact: LocalEquations, samples: Samples) -> Float1D:
+    """(4,): rms difference of two fits' predictions over the noise of the second: what the fast form costs."""
+    difference = fast.predict(samples) - exact.predict(samples)
+    return np.sqrt(np.mean(difference**2, axis=0)) / np.median(exact.noise, axis=1)
+
+
+class _Evidence:
+    """What equations are fitted on: points that each stand for `counts` samples and carry a packed row."""
+
+    terms: TermSet
+    machine: Machine
+    points: Float2D
+    counts: Int1D
+    pattern: Int1D
+
+    def rows(self, which: Int1D | None) -> Callable[[int, int], Float2D]:
+        raise NotImplementedError
+
+    def total(self, which: Int1D | None) -> Float1D:
+        raise NotImplementedError
+
+    def subset(self, axis: int) -> Int1D | None:
+        """Points with a current on `axis`; None for all of them."""
+        has = (self.pattern >> axis) & 1 == 1
+        return None if has.all() else np.flatnonzero(has)
+
+    def overall(self) -> GlobalEquation:
+        if not len(self.counts):
+            raise FitError("an equation needs samples, and there are none: add a recorded part first.")
+        p = len(self.terms)
+        coefficients, factor = np.full((4, p), np.nan), np.zeros((4, p, p))
+        effective, noise, rank = np.zeros(4), np.full(4, np.nan), np.zeros(4, np.int64)
+        lost: set[str] = set()
+        for axes, which in self._groups(None):
+            counts = self.counts if which is None else self.counts[which]
+            if not counts.sum():
+                continue
+            sums, n = self.total(which), np.array([float(counts.sum())])
+            keep = excited(sums, p, self.terms.constant)
+            one = solve(WeightedSums(sums[None], n, n), axes, keep, self.terms.constant, self.terms.floor)
+            coefficients[axes], factor[axes], noise[axes] = one.coefficients[0], one.factor[0], one.noise[0]
+            effective[axes], rank[axes] = one.effective[0], one.rank[0]
+            lost |= {name for name, kept in zip(self.terms.names, keep, strict=True) if not kept}
+        dropped = tuple(name for name in self.terms.names if name in lost)
+        log.info("global equation '%s': %d samples, rank %s, dropped: %s", self.terms.id, len(self.counts),
+                 dict(zip(AXES, rank.tolist(), strict=True)), ", ".join(dropped) or "none")  # fmt: skip
+        return GlobalEquation(self.terms, self.machine, coefficients, factor, effective, noise, rank, dropped)
+
+    def local(self, bins: Int1D, kernels: Sequence[Kernel], grid: Grid, blend: bool) -> LocalEquations:
+        bins, overall = np.unique(np.asarray(bins, np.int64)), self.overall()
+        if len(kernels) != 4:
+            raise FitError(f"{len(kernels)} kernels for the axes {', '.join(AXES)}: one each is needed.")
+        centres, p, b = grid.centres(bins), len(self.terms), len(bins)
+        coefficients, effective, share = np.full((4, b, p), np.nan), np.ones((4, b)), np.ones((4, b))
+        noise, rank, locality = np.full((4, b), np.nan), np.zeros((4, b), np.int64), np.zeros(4)
+        factors: list[Float3D] = [np.zeros((b, p, p))] * 4
+        for axes, which in self._groups(kernels) if b else ():
+            points, counts = (v if which is None else v[which] for v in (self.points, self.counts))
+            if not len(points):
+                continue
+            kernel = kernels[axes[0]]
+            keep = excited(self.total(which), p, self.terms.constant)
+            sums = weighted_sums(centres, points, counts.astype(float), self.rows(which), width(p), kernel)
+            if not (sums.total > 0).all():
+                raise FitError(f"{kernel} leaves a bin without any weight: give beta a small positive value.")
+            base = overall.coefficients[axes]
+            one = solve(sums, axes, keep, self.terms.constant, self.terms.floor, base)
+            coefficients[axes] = one.coefficients.transpose(1, 0, 2)
+            effective[axes], rank[axes], noise[axes] = one.effective, one.rank, one.noise.T
+            share[axes] = kernel.beta * counts.sum() / sums.total
+            locality[axes] = _locality(one)
+            for axis in axes:
+                factors[axis] = one.factor
+        log.info("local equations '%s': %d bins, median effective samples %s", self.terms.id, b,
+                 dict(zip(AXES, np.median(effective, axis=1).round().tolist(), strict=True)) if b else {})  # fmt: skip
+        return LocalEquations(
+            self.terms, self.machine, grid, bins, tuple(kernels), coefficients, effective, share, noise, rank,
+            locality, overall, blend, tuple(factors),
+        )  # fmt: skip
+
+    def _groups(self, kernels: Sequence[Kernel] | None) -> list[tuple[list[int], Int1D | None]]:
+        """Axes that share weights and samples, so that one Gram matrix serves them all."""
+        groups: dict[object, tuple[list[int], Int1D | None]] = {}
+        for axis in range(4):
+            which = self.subset(axis)
+            key = (None if kernels is None else kernels[axis], None if which is None else which.tobytes())
+            groups.setdefault(key, ([], which))[0].append(axis)
+        return list(groups.values())
+
+
+def _locality(one: Solution) -> Float1D:
+    by_chance = one.noise**2 * (one.rank / one.effective)[:, None]
+    return np.maximum(np.mean(one.moved - by_chance, axis=0), 0.0)
+
+
+class _Rows(_Evidence):
+    """Samples themselves: each its own point."""
+
+    def __init__(self, samples: Samples, terms: TermSet, machine: Machine) -> None:
+        self.terms, self.machine = terms, machine
+        self.points, self.pattern = samples.reduced, patterns(samples.currents)
+        self.counts = np.ones(len(samples), np.int64)
+        self._z = stack(terms.design(samples, machine), samples.currents)
+        if not (np.isfinite(self._z).all() and np.isfinite(self.points).all()):
+            raise FitError("some samples have missing inputs. They are never filled in: leave them out.")
+
+    def rows(self, which: Int1D | None) -> Callable[[int, int], Float2D]:
+        p, local = len(self.terms), threading.local()
+
+        def tile(start: int, stop: int) -> Float2D:
+            if not hasattr(local, "buffer"):
+                local.buffer = np.empty((stop - start, width(p)))
+            out = local.buffer[: stop - start]
+            z = self._z[start:stop] if which is None else self._z[which[start:stop]]
+            products(z, p, out)
+            return out
+
+        return tile
+
+    def total(self, which: Int1D | None) -> Float1D:
+        return total(self._z if which is None else self._z[which], len(self.terms))
+
+
+class _Cells(_Evidence):
+    """Per-bin statistics: each occupied cell is a point at its centroid."""
+
+    def __init__(self, moments: Moments) -> None:
+        self.terms, self.machine = moments.terms, moments.machine
+        self.points, self.counts, self.pattern, self._sums = moments.cells()
+
+    def rows(self, which: Int1D | None) -> Callable[[int, int], Float2D]:
+        sums = self._sums if which is None else self._sums[which]
+        return lambda start, stop: sums[start:stop]
+
+    def total(self, which: Int1D | None) -> Float1D:
+        return (self._sums if which is None else self._sums[which]).sum(axis=0)
+
+
+@numba.njit(nogil=True, cache=True, parallel=True)
+def _dot(design: Float2D, coefficients: Float2D, at: Int1D) -> Float1D:
+    out = np.empty(len(design))
+    for r in numba.prange(len(design)):
+        s = 0.0
+        for j in range(design.shape[1]):
+            s += design[r, j] * coefficients[at[r], j]
+        out[r] = s
+    return out
+
+
+@numba.njit(nogil=True, cache=True, parallel=True)
+def _quadratic(design: Float2D, factor: Float3D, at: Int1D) -> Float1D:
+    """|F x|² of each row under the factor of its bin."""
+    out = np.empty(len(design))
+    p = design.shape[1]
+    for r in numba.prange(len(design)):
+        f, total_square = factor[at[r]], 0.0
+        for i in range(p):
+            s = 0.0
+            for j in range(p):
+                s += f[i, j] * design[r, j]
+            total_square += s * s
+        out[r] = total_square
+    return out
+
+
+def usable(samples: Samples) -> Bool1D:
+    """(n,): rows with every input and at least one current: those that an equation or model can learn from."""
+    return (
+        np.isfinite(samples.inputs).all(axis=1)
+        & np.isfinite(samples.ar)
+        & np.isfinite(samples.direction).all(axis=1)
+        & np.isfinite(samples.currents).any(axis=1)
+    )
