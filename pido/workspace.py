@@ -118,7 +118,9 @@ class Workspace:
 
     @property
     def tracking_uri(self) -> str:
-        return self.settings.tracking_uri or f"sqlite:///{self.root / 'mlflow.db'}"
+        """Of MLflow: the settings' server, else the one in the environment, else a SQLite file in the workspace."""
+        named = self.settings.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
+        return named or f"sqlite:///{self.root / 'mlflow.db'}"
 
     def job_file(self, machine: str) -> Path | None:
         """The job for parts of `machine` that do not say themselves what is cut, or None."""
@@ -166,7 +168,7 @@ class Workspace:
                 except BlockingIOError:
                     if deadline is not None and time.monotonic() >= deadline:
                         raise StoreError(
-                            f"{self.root}: machine '{machine}' is in use by another run since more than {timeout_s:g} s. "
+                            f"{self.root}: machine '{machine}' is in use by another run for over {timeout_s:g} s. "
                             "Wait for it, or look what holds it (`pido status`)."
                         ) from None
                     time.sleep(0.05)
@@ -196,7 +198,7 @@ def digest_of(content: Any) -> str:
 
 
 def safe_name(text: str) -> str:
-    """`text` as a file name: what could climb out of a folder or confuse a shell is replaced, and told apart by digest."""
+    """`text` as a file name: what could climb out of a folder or confuse a shell is replaced, told apart by digest."""
     plain = re.sub(r"[^A-Za-z0-9_.-]", "_", text).lstrip(".")[:64]
     return plain if plain == text else f"{plain or 'unnamed'}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 

@@ -97,7 +97,7 @@ class Ledger:
             ) from error
         except sqlite3.DatabaseError as error:
             raise StoreError(
-                f"{self.path}: the ledger is damaged ({error}). Bring it back from a backup; parts in the store are safe."
+                f"{self.path}: the ledger is damaged ({error}). Bring it back from a backup; the store is safe."
             ) from error
 
     @contextmanager

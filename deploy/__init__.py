@@ -1,0 +1,1 @@
+"""The plant: the same services as processes (`make plant`) or containers (`docker-compose.yml`), one settings file."""

@@ -1,0 +1,82 @@
+"""Samples on disk: exactly the rows that went in, bit for bit, and a digest that does not depend on the file format.
+
+In:  `Samples` and a path. Out: a Parquet file, and back. Names: the 13 inputs, `ar`, `curr_<axis>`, `dir_<axis>`,
+`part`, `row`, `origin` ('real', 'pia', 'pie'), `voxel`, `expected_error_<axis>`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pido.core.axes import AXES
+from pido.core.columns import CURRENT, INPUTS
+from pido.core.samples import ORIGINS, Samples
+
+
+def frame(samples: Samples) -> pd.DataFrame:
+    """One row per sample."""
+    columns: dict[str, np.ndarray] = {name: samples.inputs[:, i] for i, name in enumerate(INPUTS)}
+    columns["ar"] = samples.ar
+    for i, axis in enumerate(AXES):
+        columns[CURRENT[axis]] = samples.currents[:, i]
+        columns[f"dir_{axis}"] = samples.direction[:, i]
+        columns[f"expected_error_{axis}"] = samples.expected_error[:, i]
+    columns |= {"part": samples.part, "row": samples.row, "voxel": samples.voxel}
+    columns["origin"] = np.asarray(ORIGINS, dtype=object)[samples.origin]
+    return pd.DataFrame(columns)
+
+
+def save_samples(samples: Samples, path: Path) -> Path:
+    """Write; a reader sees a whole file or none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        frame(samples).to_parquet(temporary, index=False)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+def load_samples(path: Path) -> Samples:
+    """The rows of a file written by `save_samples`."""
+    table = load_frame(path)
+
+    def block(names: list[str]) -> np.ndarray:
+        return np.ascontiguousarray(table[names].to_numpy(dtype=float))
+
+    return Samples(
+        inputs=block(list(INPUTS)),
+        ar=table["ar"].to_numpy(dtype=float),
+        currents=block(list(CURRENT.values())),
+        direction=block([f"dir_{axis}" for axis in AXES]),
+        part=table["part"].to_numpy(dtype=object),
+        row=table["row"].to_numpy(dtype=np.int64),
+        origin=np.array([ORIGINS.index(name) for name in table["origin"]], dtype=np.int64),
+        voxel=table["voxel"].to_numpy(dtype=np.int64),
+        expected_error=block([f"expected_error_{axis}" for axis in AXES]),
+    )
+
+
+def load_frame(path: Path) -> pd.DataFrame:
+    """The same rows as a table."""
+    return pd.read_parquet(path)
+
+
+def samples_digest(samples: Samples) -> str:
+    """SHA-256 of all fields and rows, in their order."""
+    total = hashlib.sha256(str(len(samples)).encode())
+    for field in fields(Samples):
+        values = getattr(samples, field.name)
+        total.update(field.name.encode())
+        if values.dtype == object:
+            total.update("\0".join(map(str, values)).encode())
+        else:
+            total.update(np.ascontiguousarray(values).tobytes())
+    return total.hexdigest()

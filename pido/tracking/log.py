@@ -1,0 +1,206 @@
+"""One iteration into MLflow: data sets, settings, metrics, figures, four models, a registered version.
+
+In:  an iteration that is finished in the ledger, its files and its bundle.
+Out: exactly one MLflow run with its run key as a tag, one version per axis model, alias `challenger`; the run's id.
+
+Whatever was killed on the way, doing it again ends in the same state: a finished run with this key is kept, an
+unfinished one is removed with what it registered and written anew.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import tempfile
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from pido.core.axes import AXES
+from pido.core.columns import CURRENT
+from pido.tracking import model_files, report_files
+from pido.tracking.bundle import Bundle, load
+from pido.tracking.figures import figures, table
+from pido.tracking.ledger import Iteration, Ledger
+from pido.tracking.mirror import reconcile
+from pido.tracking.mlflow_store import client, experiment, model_names
+from pido.tracking.report_files import RunFiles
+from pido.workspace import Workspace
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+log = logging.getLogger(__name__)
+KEY = "pido.run_key"
+VERSION = "pido.version"
+
+
+def log_pending(workspace: Workspace) -> int:
+    """Log every finished iteration that MLflow has not got yet, oldest first, and bring the aliases up to date.
+
+    Returns how many were logged. Raises whatever MLflow raises when it cannot be reached; nothing is lost by that.
+    """
+    ledger = Ledger(workspace.ledger)
+    pending = ledger.not_logged()
+    machines = {iteration.machine for iteration in pending}
+    for iteration in pending:
+        ledger.logged(iteration.run_key, log_iteration(workspace, iteration))
+    for machine in sorted(machines):
+        reconcile(workspace, machine)
+    return len(pending)
+
+
+def log_iteration(workspace: Workspace, iteration: Iteration) -> str:
+    """The id of the MLflow run of this iteration, which is written if it is not there."""
+    files = report_files.load(workspace.runs, iteration.run_key)
+    bundle = load(workspace.bundles, files.summary["bundle"])
+    with client(workspace) as store, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="mlflow")
+        place = experiment(workspace, store, iteration.machine)
+        finished = _earlier(store, place, iteration)
+        return finished or _write(workspace, store, place, iteration, files, bundle)
+
+
+def _earlier(store: MlflowClient, place: str, iteration: Iteration) -> str | None:
+    """The finished run with this key, if there is one; unfinished ones are removed."""
+    for run in store.search_runs([place], f"tags.`{KEY}` = '{iteration.run_key}'"):
+        if run.info.status == "FINISHED":
+            return run.info.run_id
+        for version in store.search_model_versions(f"run_id = '{run.info.run_id}'"):
+            store.delete_model_version(version.name, version.version)
+        store.delete_run(run.info.run_id)
+    return None
+
+
+def _write(
+    workspace: Workspace, store: MlflowClient, place: str, iteration: Iteration, files: RunFiles, bundle: Bundle
+) -> str:
+    import mlflow
+
+    summary = files.summary
+    tags = {
+        KEY: iteration.run_key,
+        VERSION: str(iteration.version),
+        "pido.machine": iteration.machine,
+        "pido.part": summary["part"]["name"],
+        "pido.part_digest": summary["part"]["digest"],
+        "pido.bundle": summary["bundle"],
+        "pido.code": summary["code"],
+        **{f"pido.data.{name}": str(d["digest"]) for name, d in summary["data"].items()},
+        "mlflow.note.content": _note(summary, iteration.version),
+    }
+    run = store.create_run(place, run_name=f"{summary['part']['name']} -> v{iteration.version}", tags=tags)
+    run_id = run.info.run_id
+    with mlflow.start_run(run_id=run_id):
+        mlflow.log_params({name: _param(value) for name, value in flat(summary["settings"]).items()})
+        mlflow.log_metrics(_metrics(summary))
+        _log_data(workspace, files)
+        with tempfile.TemporaryDirectory() as folder:
+            for name, figure in figures(files).items():
+                figure.savefig(Path(folder) / name, dpi=80)
+            files.bins.to_csv(Path(folder) / "bins.csv", index=False)
+            pd.DataFrame(table(summary["metrics"])).to_csv(Path(folder) / "errors.csv", index=False)
+            (Path(folder) / "summary.json").write_text(json.dumps(summary, indent=1, sort_keys=True))
+            mlflow.log_artifacts(folder, "iteration")
+        _register(store, run_id, iteration, bundle)
+    log.info("logged %s as MLflow run %s, version %d", summary["part"]["name"], run_id, iteration.version)
+    return run_id
+
+
+def _log_data(workspace: Workspace, files: RunFiles) -> None:
+    import mlflow
+
+    from pido.files.samples import load_frame
+
+    real = [load_frame(workspace.root / path) for path in files.summary["data"]["real"]["files"]]
+    sets = {"real": pd.concat(real, ignore_index=True), **dict(iter(files.generated.groupby("origin")))}
+    for name in ("real", "pia", "pie"):
+        about = files.summary["data"][name]
+        if name not in sets:
+            continue  # nothing was generated: its digest and size stand in tags and metrics
+        source = (
+            workspace.runs / files.summary["run_key"] / "generated.parquet" if name != "real" else workspace.derived
+        )
+        frame = sets[name].select_dtypes("number").astype(float)
+        data = mlflow.data.from_pandas(frame, source=source.as_uri(), name=name, digest=about["digest"][:36])  # type: ignore[attr-defined]
+        mlflow.log_input(data, context="training", tags={"sha256": about["digest"], "rows": str(about["rows"])})
+
+
+def _register(store: MlflowClient, run_id: str, iteration: Iteration, bundle: Bundle) -> None:
+    """Four models; a bundle that has its version already is not registered a second time."""
+    import mlflow
+    from mlflow.models import infer_signature
+
+    tags = {VERSION: str(iteration.version), "pido.bundle": bundle.digest, KEY: iteration.run_key}
+    for axis, name in model_names(iteration.machine).items():
+        if f"{axis}.skops" not in bundle.files or _versions(store, name, iteration.version):
+            continue
+        data = bundle.read(f"{axis}.skops")
+        estimator = model_files.load(data)
+        example = pd.read_json(bundle.folder / f"{axis}.example.json", orient="split").astype(float)
+        answer = pd.DataFrame({CURRENT[axis]: estimator.predict(example.to_numpy())})
+        info = mlflow.sklearn.log_model(  # type: ignore[attr-defined]
+            estimator,
+            name=f"model_{axis}",
+            signature=infer_signature(example, answer),
+            input_example=example,
+            serialization_format="skops",
+            skops_trusted_types=list(model_files.trusted_types(data)),
+            pip_requirements=model_files.requirements(),
+        )
+        if not store.search_registered_models(f"name = '{name}'"):
+            store.create_registered_model(
+                name, description=f"motor current of axis {axis}, machine {iteration.machine}"
+            )
+        store.create_model_version(
+            name, source=info.model_uri, run_id=run_id, tags=tags, model_id=info.model_id,
+            description=iteration.summary.get("gate", {}).get("words", ""),
+        )  # fmt: skip
+
+
+def _versions(store: MlflowClient, name: str, version: int) -> list[Any]:
+    found = store.search_model_versions(f"name = '{name}'")
+    return [v for v in found if v.tags.get(VERSION) == str(version)]
+
+
+def _metrics(summary: dict[str, Any]) -> dict[str, float]:
+    """`rmse_x/both` and the like: one group per measure and axis in MLflow's pages, one line per training set."""
+    values = {
+        f"{measure}_{axis}/{name}": value
+        for axis in AXES
+        for name, measures in summary["metrics"].get(axis, {}).items()
+        for measure, value in measures.items()
+    }
+    values |= {f"balance/{k}": v for k, v in summary["balance"].items()}
+    values |= {f"rows/{name}": d["rows"] for name, d in summary["data"].items()}
+    values |= {f"seconds/{name}": s for name, s in summary["seconds"].items()}
+    return {name: float(value) for name, value in values.items() if value is not None}
+
+
+def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested settings with dotted names."""
+    result: dict[str, Any] = {}
+    for name, value in settings.items():
+        result |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return result
+
+
+def _param(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 500 else text[:480] + " … (in summary.json)"
+
+
+def _note(summary: dict[str, Any], version: int) -> str:
+    """The first thing an engineer reads on the run's page."""
+    lines = [
+        f"**Version {version}** after part *{summary['part']['name'].replace('*', '')}*, trained on "
+        f"{len(summary['parts'])} part(s). Gate: {summary['gate'].get('words', '')}",
+        "",
+        "| axis | trained on | RMSE in A | R² |",
+        "|---|---|---|---|",
+    ]
+    for row in table(summary["metrics"]):
+        lines.append(f"| {row['axis']} | {row['trained on']} | {row['rmse']:.4g} | {row.get('r2', float('nan')):.3f} |")
+    return "\n".join(lines)

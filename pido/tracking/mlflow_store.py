@@ -1,0 +1,65 @@
+"""Where MLflow keeps things: one SQLite file in the workspace, or a server; reached, prepared and named here.
+
+In:  a workspace. Out: a client on a database whose tables are there.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from pido.core.axes import AXES
+from pido.workspace import Workspace, safe_name
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+os.environ.setdefault("DO_NOT_TRACK", "1")
+# A server that is away is found out in seconds, not minutes: the iteration is logged when it is there again.
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
+os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
+
+
+@contextmanager
+def client(workspace: Workspace) -> Iterator[MlflowClient]:
+    """A client, with one writer at a time where the store is a SQLite file.
+
+    SQLite: two processes that create the tables at the same moment would kill each other, and two writers stall.
+    """
+    import mlflow
+
+    uri = workspace.tracking_uri
+    mlflow.set_tracking_uri(uri)
+    mlflow.set_registry_uri(uri)
+    if uri.startswith("sqlite:"):
+        with workspace.lock("mlflow"):
+            yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
+    else:
+        yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
+
+
+def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:
+    """Id of the machine's experiment; artifacts of the embedded store lie in the workspace."""
+    name = f"pido {machine}"
+    found = store.get_experiment_by_name(name)
+    if found is not None:
+        return found.experiment_id
+    embedded = workspace.tracking_uri.startswith("sqlite:")
+    place = (workspace.root / "mlartifacts" / safe_name(machine)).as_uri() if embedded else None
+    return store.create_experiment(name, artifact_location=place)
+
+
+def model_names(machine: str) -> dict[str, str]:
+    """Axis -> name of the registered model."""
+    return {axis: f"{safe_name(machine)}-{axis}" for axis in AXES}
+
+
+def how_to_open(workspace: Workspace) -> str:
+    """What a person types, or the address they open, to look at the runs."""
+    uri = workspace.tracking_uri
+    if uri.startswith("sqlite:"):
+        return f"mlflow ui --backend-store-uri {uri}   then open http://127.0.0.1:5000"
+    return uri

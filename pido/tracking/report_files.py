@@ -1,0 +1,60 @@
+"""What an iteration leaves in `runs/<run key>/`, so that it can be logged now or when MLflow is there again.
+
+In:  the summary (plain values), generated rows, counts per bin, a stretch of the arriving part's predictions.
+Out: `summary.json`, `generated.parquet`, `bins.parquet`, `trace.parquet`, written as one folder by a rename.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pido.core.errors import StoreError
+from pido.workspace import write_atomically
+
+TABLES = ("generated", "bins", "trace")
+
+
+@dataclass(frozen=True, eq=False)
+class RunFiles:
+    """A finished iteration.
+
+    summary : run_key, machine, part, parts, settings, seed, code, bundle, data, balance, metrics, gate, seconds
+    generated : one row per generated sample, with its origin ('pia', 'pie'), bin, source row and expected error
+    bins : one row per relevant bin: v_x, v_y, ar (centre), before, after (samples)
+    trace : the arriving part: time, and per axis the measured current and what the models said
+    """
+
+    summary: dict[str, Any]
+    generated: pd.DataFrame
+    bins: pd.DataFrame
+    trace: pd.DataFrame
+
+    def save(self, runs: Path) -> Path:
+        """Write the folder of this run; one that is there already (the same key) is replaced as a whole."""
+        folder = runs / self.summary["run_key"]
+        temporary = runs / f".{folder.name}.{os.getpid()}.new"
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        for name in TABLES:
+            getattr(self, name).to_parquet(temporary / f"{name}.parquet", index=False)
+        write_atomically(temporary / "summary.json", json.dumps(self.summary, sort_keys=True, indent=1))
+        shutil.rmtree(folder, ignore_errors=True)
+        temporary.rename(folder)
+        return folder
+
+
+def load(runs: Path, run_key: str) -> RunFiles:
+    """The files of a run. Raises StoreError where they are not there."""
+    folder = runs / run_key
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        return RunFiles(summary, *(pd.read_parquet(folder / f"{name}.parquet") for name in TABLES))
+    except OSError as error:
+        raise StoreError(f"{folder}: the files of this iteration are not there ({error}); run it again.") from None
