@@ -149,7 +149,7 @@ def _standardised(part: PartResiduals, means: Float1D, levels: dict[tuple[str | 
     tools, tool_code = np.unique(part.tool.astype(str), return_inverse=True)
     pairs, which = np.unique(np.column_stack([tool_code, part.block]), axis=0, return_inverse=True)
     found = [
-        levels.get((tools[t], int(block)), levels.get((tools[t], None), levels[(None, None)])) for t, block in pairs
+        levels.get((str(tools[t]), int(b)), levels.get((str(tools[t]), None), levels[(None, None)])) for t, b in pairs
     ]
     centre, spread = np.array([(level.centre, level.spread) for level in found]).T
     return (means - centre[which]) / spread[which]
