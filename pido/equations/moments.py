@@ -135,7 +135,7 @@ class Moments:
         return key[starts[:-1]].tolist(), np.diff(starts), sums
 
     def _with(self, other: Moments, sign: int) -> Moments:
-        if other.terms is not self.terms and other.terms != self.terms or other.grid != self.grid:
+        if (other.terms is not self.terms and other.terms != self.terms) or other.grid != self.grid:
             raise FitError("statistics of different equations or cell widths cannot be combined.")
         result = Moments.from_arrays(self.arrays(), self.terms, self.machine, self.grid)
         theirs = other.arrays()

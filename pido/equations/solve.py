@@ -77,7 +77,7 @@ def solve(
 
 
 @numba.njit(nogil=True, cache=True, parallel=True)
-def _solve(gram, right, ridge, columns, kept, coefficients, factor, rank):  # noqa: ANN001, ANN202
+def _solve(gram, right, ridge, columns, kept, coefficients, factor, rank):
     m, axes = len(columns), right.shape[1]
     for b in numba.prange(gram.shape[0]):
         # equilibrated to a unit diagonal: pivots are then shares of a column that the columns before do not explain

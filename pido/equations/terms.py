@@ -136,6 +136,7 @@ PAPER_HELD = TermSet(
 )
 """The same 17 terms; a sign that stands alone is that of the axis' last real motion."""
 
+
 def _plain_ranges(machine: Machine) -> list[float]:
     axes = [machine.axes[axis] for axis in LINEAR_AXES]
     return [
@@ -179,7 +180,19 @@ HELD_SMALL = TermSet(
 )
 """The least that a feed axis and an idle or loaded spindle need; carries furthest beyond the samples that it saw."""
 
-TERM_SETS = (PAPER, PAPER_HELD, HELD, HELD_SMALL)
+
+def _ones(samples: Samples) -> Float2D:
+    return np.ones((len(samples), 1))
+
+
+def _one(machine: Machine) -> list[float]:
+    return [1.0]
+
+
+CONSTANT = TermSet("constant", ("1",), 0, 1e-4, _ones, _one)
+"""No physics at all: what every equation has to beat."""
+
+TERM_SETS = (PAPER, PAPER_HELD, HELD, HELD_SMALL, CONSTANT)
 
 
 def term_set(name: str) -> TermSet:

@@ -122,7 +122,7 @@ def _add_share(
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True)
-def _fill(w, ex, ey, ez, ix, iy, iz, counts, total, squared):  # noqa: ANN001, ANN202
+def _fill(w, ex, ey, ez, ix, iy, iz, counts, total, squared):
     for b in range(w.shape[0]):
         x, y, z = ex[ix[b]], ey[iy[b]], ez[iz[b]]
         s, q = 0.0, 0.0

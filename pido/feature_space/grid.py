@@ -51,7 +51,9 @@ class Grid:
         index -= points < index * width
         index += points >= (index + 1) * width
         if np.abs(index).max(initial=0) >= _HALF:
-            raise FitError(f"a point of the reduced space lies {np.abs(index).max():.3g} bins from zero: check its units.")
+            raise FitError(
+                f"a point of the reduced space lies {np.abs(index).max():.3g} bins from zero: check its units."
+            )
         i, j, k = (index.astype(np.int64) + _HALF).T
         return (i << (2 * _BITS)) | (j << _BITS) | k
 

@@ -1,0 +1,95 @@
+"""Whether a challenger may replace the champion: paired, per axis, on the last parts that neither was trained on.
+
+In:  RMSE per part and axis of both, and of the trivial rival. Out: a verdict in words and numbers.
+
+Parts are the unit, not samples: neighbouring samples repeat each other. A challenger passes when on no axis it is worse
+than the champion by more than `tolerance` in the mean of the last parts, nor by less but on so many parts that chance
+cannot have done it; and when it beats the trivial rival wherever the champion does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binomtest
+
+from pido.core.arrays import Float1D
+from pido.core.axes import AXES
+from pido.core.errors import RegistryError
+
+
+@dataclass(frozen=True)
+class AxisVerdict:
+    """change : relative change of RMSE, mean over parts (negative is better); worse_on, parts : counts; p_value : of
+    being worse on so many parts by chance (sign test)."""
+
+    axis: str
+    passed: bool
+    change: float
+    worse_on: int
+    parts: int
+    p_value: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    passed: bool
+    axes: tuple[AxisVerdict, ...]
+    words: str
+
+
+def gate(
+    challenger: Mapping[str, Float1D],
+    champion: Mapping[str, Float1D],
+    rival: Mapping[str, Float1D] | None = None,
+    *,
+    tolerance: float = 0.02,
+    level: float = 0.05,
+) -> Verdict:
+    """Compare RMSE (4,) per part, keyed by part; NaN where an axis was not recorded.
+
+    champion : empty where there is none yet; the challenger then has to beat the trivial `rival` on each axis
+    tolerance : relative worsening of the mean that is let pass; level : of the sign test
+    RegistryError where the two were not judged on the same parts.
+    """
+    against, name = (champion, "the champion") if champion else (rival or {}, "the constant current")
+    if not against:
+        raise RegistryError("nothing to compare with: give the champion's errors, or those of a trivial rival.")
+    if set(challenger) != set(against):
+        missing = sorted(set(challenger) ^ set(against))
+        raise RegistryError(f"challenger and {name} were judged on different parts ({', '.join(missing)}).")
+    parts = sorted(challenger)
+    new, old = (np.array([errors[p] for p in parts], float) for errors in (challenger, against))
+    floor = np.array([rival[p] for p in parts], float) if rival and champion else None
+    axes = tuple(
+        _axis(axis, new[:, i], old[:, i], None if floor is None else floor[:, i], name, tolerance, level)
+        for i, axis in enumerate(AXES)
+        if (np.isfinite(new[:, i]) & np.isfinite(old[:, i])).any()
+    )
+    failed = [a.axis for a in axes if not a.passed]
+    passed = bool(axes) and not failed
+    words = "; ".join(a.words for a in axes) or "no axis could be compared"
+    lead = "may be promoted" if passed else f"must not be promoted (fails on {', '.join(failed) or 'all axes'})"
+    return Verdict(passed, axes, f"{lead}: {words}")
+
+
+def _axis(
+    axis: str, new: Float1D, old: Float1D, floor: Float1D | None, name: str, tolerance: float, level: float
+) -> AxisVerdict:
+    known = np.isfinite(new) & np.isfinite(old)
+    new, old, n = new[known], old[known], int(known.sum())
+    change = float(np.mean(new) / max(float(np.mean(old)), 1e-300) - 1.0)
+    worse = int((new > old).sum())
+    untied = int((new != old).sum())
+    p = float(binomtest(worse, untied, 0.5, alternative="greater").pvalue) if untied else 1.0
+    # many small losses are a loss too; but one within a tenth of the tolerance is no reason to keep an old model
+    creeping = p < level and change > tolerance / 10
+    trivial = floor is not None and bool(np.mean(old) <= np.mean(floor[known]) < np.mean(new))
+    passed = change <= tolerance and not creeping and not trivial
+    words = f"{axis} {change:+.1%} RMSE against {name} on {n} part(s), worse on {worse}"
+    if trivial:
+        words += ", and no better than a constant current"
+    return AxisVerdict(axis, passed, change, worse, n, p, words)
