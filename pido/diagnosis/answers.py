@@ -1,0 +1,115 @@
+"""From terms that hold to findings that people and programs read.
+
+In:  the joint model of one axis on every row, its tests, and what each term could be mistaken for.
+Out: `Finding` values in the words and units of the contract.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from pido.core.arrays import Float1D
+from pido.diagnosis.finding import Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
+from pido.diagnosis.identify import Answer, Rival
+from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, workpiece_area
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.terms import Term, gate_variable
+
+_NEAR = 20.0  # BIC: rivals this close are not told apart on these data
+_MOST_ALTERNATIVES = 4
+
+
+def kind_of(term: Term) -> Kind:
+    """What the contract calls this sort of finding."""
+    if term.name.startswith("miscalibrated:"):
+        return "miscalibrated"
+    return term.mechanism.kind
+
+
+def finding_of(
+    mismatch: Mismatch,
+    answer: Answer,
+    which: int,
+    parameters: dict[str, Estimate],
+    effect: Float1D,
+    noise_level: float,
+    held_out: HeldOut,
+    replaces: tuple[str, ...],
+) -> Finding:
+    """One term of one axis as a finding. effect : (n,), A on every row of `mismatch`."""
+    term = answer.terms[which]
+    return Finding(
+        axis=mismatch.axis,
+        mechanism=term.name,
+        kind=kind_of(term),
+        equation=equation_text(term, mismatch.axis),
+        parameters=parameters,
+        where=where_of(mismatch.states, term, effect, mismatch.edges, noise_level),
+        evidence=Evidence(answer.p_values[which], answer.q_values[which], answer.delta_bic[which]),
+        fit=held_out,
+        replaces=replaces,
+        alternatives=alternatives_of(term, answer.rivals[which]),
+    )
+
+
+def equation_text(term: Term, axis: str) -> str:
+    """The mechanism's equation with the axis' name put in, and its region."""
+    text = term.mechanism.equation
+    text = re.sub(r"\bdI\b(?!_)", f"dI_{axis}", text)
+    text = re.sub(r"_i\b", f"_{axis}", text)
+    text = re.sub(r"(?<![\w|])(v|a|pos)(?![\w_(])", rf"\1_{axis}", text)
+    text = re.sub(r"\|(v|a)\|", rf"|\1_{axis}|", text)
+    if term.gates:
+        text += " where " + " and ".join(g.condition for g in term.gates)
+    return text
+
+
+def where_of(
+    states: Sequence[AxisState], term: Term, effect: Float1D, edges: Sequence[int], noise_level: float
+) -> Where:
+    """Intervals per part, bins of M, NC blocks and the place on the workpiece where a term acts."""
+    act = active(effect, noise_level)
+    scores = score(effect, noise_level)
+    by_part = [slice(int(i), int(j)) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+    found = []
+    for state, rows in zip(states, by_part, strict=True):
+        found += intervals(state.part, state.time, act[rows], scores[rows])
+    summary, conditions = words(term, states)
+    acts = [act[r] for r in by_part]
+    plane = [_plane(s) for s in states]
+    return Where(
+        summary=summary,
+        conditions=conditions,
+        intervals=tuple(found),
+        voxels=voxels(states, acts, plane),
+        nc_lines=nc_lines(states, acts),
+        workpiece=workpiece_area(states, acts) if term.mechanism.id in ("material_hard_zone", "unknown") else None,
+    )
+
+
+def words(term: Term, states: Sequence[AxisState]) -> tuple[str, tuple[str, ...]]:
+    """The operator's words of the mechanism, confined to the term's region."""
+    summary, conditions = term.mechanism.conditions(states[0].axis, dict(term.shape))
+    extra = tuple(g.condition for g in term.gates)
+    if extra:
+        summary = f"{summary}, only where {' and '.join(extra)}"
+    return summary, (*conditions, *extra)
+
+
+def alternatives_of(term: Term, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:
+    """Mechanisms that do nearly as well in this term's place, nearest first, with the recording that would tell."""
+    near = [r for r in rivals if r.delta_bic < _NEAR or r.share > 0.75]
+    advice = getattr(term.mechanism, "tell_apart", {})
+    return tuple(
+        Alternative(r.name, float(r.delta_bic), advice.get(r.name.removeprefix("miscalibrated:"), ""))
+        for r in near[:_MOST_ALTERNATIVES]
+    )
+
+
+def _plane(state: AxisState) -> tuple[Float1D, Float1D] | None:
+    v_x, v_y = gate_variable(state, "v_x"), gate_variable(state, "v_y")
+    return None if v_x is None or v_y is None else (np.asarray(v_x, float), np.asarray(v_y, float))

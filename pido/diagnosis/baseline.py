@@ -1,0 +1,67 @@
+"""The simulation that stands in where no simulated current is given: the paper's equation with its 17 terms.
+
+In:  a recording.
+Out: the terms row by row, without scale: the fit that uses them scales for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.core.columns import INPUTS
+from pido.core.machining import AxisLimits, Machine
+from pido.core.recording import Recording
+from pido.core.samples import Samples
+from pido.equations.terms import PAPER
+
+_LEAST_MOTION = 0.01  # share of rows an axis must move in, or its speed terms would be fitted to noise
+_UNIT = Machine(
+    id="",
+    axes={a: AxisLimits(v_max=1.0, a_max=1.0, j_max=1.0, travel_mm=(0.0, 1.0)) for a in ("x", "y", "z")},
+    spindle_max_deg_s=1.0,
+    spindle_acc_deg_s2=1.0,
+    force_max_n=1.0,
+    torque_max_nm=1.0,
+    mrr_max_mm3_s=1.0,
+)
+
+
+def equation_rows(recording: Recording) -> Float2D:
+    """(17, n): the paper's terms as printed; zero where an input was not recorded, NaN where a value is missing."""
+    n = len(recording)
+    inputs = np.column_stack([recording[c] if c in recording else np.zeros(n) for c in INPUTS]).astype(float)
+    samples = Samples.real(
+        inputs, np.zeros(n), np.full((n, 4), np.nan), np.zeros((n, 4)), recording.part.part, np.arange(n)
+    )
+    return PAPER.design(samples, _UNIT).T
+
+
+def equation_names() -> tuple[str, ...]:
+    return PAPER.names
+
+
+def supported_terms(rows: Sequence[Float2D], moving: Sequence[dict[str, Float1D]]) -> list[int]:
+    """Indices of terms that these parts can support: not zero, not copies, of axes that really move."""
+    joined = np.concatenate(rows, axis=1)
+    share = {a: float(np.mean(np.concatenate([m[a] for m in moving]))) for a in moving[0]}
+    keep: list[int] = []
+    for k, name in enumerate(PAPER.names):
+        row = joined[k]
+        if not np.any(np.nan_to_num(row)):
+            continue
+        axis = next((a for a in ("sp", "x", "y", "z") if f"v_{a}" in name), None)
+        if axis is not None and share.get(axis, 0.0) < _LEAST_MOTION:
+            continue
+        if any(_same(joined[j], row) for j in keep):
+            continue
+        keep.append(k)
+    return keep
+
+
+def _same(one: Float1D, other: Float1D) -> bool:
+    one, other = np.nan_to_num(one), np.nan_to_num(other)
+    product = float(one @ other)
+    return product**2 > (1 - 1e-9) * float(one @ one) * float(other @ other)

@@ -1,0 +1,68 @@
+"""What a simulation contains, read from its own current: a mechanism in it can be miscalibrated, but not missing.
+
+In:  one axis of all parts with the simulated current, and the noise of the mismatch.
+Out: mechanism id -> the term, with the simulation's own shape, that the simulated current is made of.
+The simulated current has no noise of its own. Noise of the mismatch's kind, at a fraction of its level, is added: what
+disappears in it could not be found miscalibrated either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.select import Library, basis, best_addition, drop_useless, grid_terms, swap
+from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.whiten import Noise
+
+_FRACTION = 0.3  # of the mismatch's noise level
+_LEAST_SHARE = 0.02  # of the simulated current's rms that a component must have
+_LEAST_GAIN = 30.0  # BIC
+_MOST = 7
+NOT_A_COMPONENT = frozenset(
+    {"sensor_gain", "sensor_offset", "sensor_clipping", "time_misalignment", "current_saturation", "external_force"}
+)
+
+
+def contained(
+    mismatch: Mismatch, mechanisms: Sequence[Mechanism], noise: Noise, rng: np.random.Generator
+) -> dict[str, Term]:
+    """Terms that the simulated current is made of, by mechanism id; empty where no simulated current is given."""
+    if mismatch.sim is None or not np.any(mismatch.usable):
+        return {}
+    own = [m for m in mechanisms if m.id not in NOT_A_COMPONENT and m.applies(mismatch.states) is None]
+    faint = replace(noise, level=_FRACTION * noise.level)
+    sim = np.where(mismatch.usable, mismatch.sim, 0.0)
+    problem = replace(
+        mismatch,
+        target=np.where(mismatch.usable, sim + _noise_like(faint, rng), 0.0),
+        base=np.zeros((0, mismatch.n)),
+        base_names=(),
+    )
+    library = Library(problem, [t for m in own for t in grid_terms(m)])
+    library.whiten(faint)
+    terms: list[Term] = []
+    while len(terms) < _MOST:
+        current = basis(library, faint, terms)
+        best = best_addition(library, current, {t.name for t in terms})
+        if best is None or best.bic > current.bic - _LEAST_GAIN:
+            break
+        terms = drop_useless(library, faint, swap(library, faint, [*terms, best.term]))
+    joint = fit(problem, faint, terms)
+    size = float(np.sqrt(np.mean(sim[mismatch.usable] ** 2)))
+    out = {}
+    for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
+        effect = amplitudes @ term.columns(problem.states)
+        if float(np.sqrt(np.mean(effect[mismatch.usable] ** 2))) > _LEAST_SHARE * size:
+            out[term.mechanism.id] = term
+    return out
+
+
+def _noise_like(noise: Noise, rng: np.random.Generator):
+    innovations = rng.normal(scale=noise.innovation, size=len(noise.level))
+    return noise.level * lfilter([1.0], np.r_[1.0, -noise.ar], innovations)

@@ -1,0 +1,53 @@
+"""The models of a diagnosis, unchanged, on a part that was not diagnosed.
+
+In:  `Diagnosis.model` (plain JSON data) and a recording; its recorded currents are never read.
+Out: `PartSeries`: mismatch, score and corrected current per axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from pido.core.arrays import Float1D
+from pido.core.axes import AXES
+from pido.core.columns import CURRENT
+from pido.core.errors import DiagnosisError
+from pido.core.recording import Recording
+from pido.diagnosis.finding import PartSeries
+from pido.diagnosis.locate import score
+from pido.diagnosis.models import AxisModel, axis_models
+from pido.diagnosis.state import AxisState, axis_states
+
+
+def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence[Recording] = ()) -> PartSeries:
+    """Simulation plus all findings for one part.
+
+    earlier : parts of the same machine made before this one, oldest first, where their wear or heat is carried on
+
+    Raises DiagnosisError where the recording has no simulated current and the model has no equation for it.
+    """
+    models = axis_models(model)
+    without = _without_currents(recording)
+    mismatch: dict[str, Float1D] = {}
+    scores: dict[str, Float1D] = {}
+    corrected: dict[str, Float1D] = {}
+    for axis, own in models.items():
+        state = axis_states([*map(_without_currents, earlier), without], axis)[-1]
+        mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
+    if not corrected:
+        raise DiagnosisError("the model holds no axis. Run 'pido diagnose' on parts with recorded currents first.")
+    return PartSeries(recording.time, mismatch, scores, corrected)
+
+
+def apply(model: AxisModel, recording: Recording, state: AxisState) -> tuple[Float1D, Float1D, Float1D]:
+    """Mismatch, score and corrected current of one axis, (n,) each."""
+    simulated = model.simulated(recording, state)
+    effect = model.effect(simulated, recording, state)
+    return effect, score(effect, model.noise_level), simulated + effect
+
+
+def _without_currents(recording: Recording) -> Recording:
+    drop = {CURRENT[a] for a in AXES}
+    return Recording(
+        recording.part, {k: v for k, v in recording.columns.items() if k not in drop}, recording.notes
+    )

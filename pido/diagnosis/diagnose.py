@@ -1,0 +1,281 @@
+"""Simulation against recording: what is wrong, where, and what physics it is.
+
+In:  the parts of one machine, as recordings.
+Out: a `Diagnosis`: findings with proof, axes without one, the mismatch of every sample, models for other parts.
+Order: faulty inputs are set aside; then what is not physics (time, clipping) in competition with what is; then, per
+axis, the search of `pido.diagnosis.identify`; amplitudes, intervals and proof on every row at the end.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pido.core.arrays import Float1D
+from pido.core.axes import AXES
+from pido.core.columns import CURRENT, CURRENT_SIM
+from pido.core.errors import DiagnosisError
+from pido.core.machining import Machine
+from pido.core.recording import Recording
+from pido.diagnosis.answers import finding_of
+from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
+from pido.diagnosis.confirm import held_out
+from pido.diagnosis.contained import contained
+from pido.diagnosis.estimate import estimate, settle_shapes
+from pido.diagnosis.finding import Diagnosis, Finding, PartSeries, Rejected
+from pido.diagnosis.identify import (
+    Answer,
+    candidates,
+    confirm,
+    first_noise,
+    noise_of,
+    rivals_of,
+    select_terms,
+)
+from pido.diagnosis.locate import score
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
+from pido.diagnosis.models import AxisModel, Equation, as_json
+from pido.diagnosis.select import Library, basis
+from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.whiten import estimate_noise, robust_sd
+
+log = logging.getLogger(__name__)
+_LEAST_ROWS = 500
+
+
+def _silent(done: int, of: int, what: str) -> None:
+    """Progress that nobody watches."""
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    *,
+    pair: str | None = None,
+    machine: Machine | None = None,
+    seed: int = 0,
+    on_progress: Callable[[int, int, str], None] = _silent,
+) -> Diagnosis:
+    """Compare, locate, name, model and prove, for all parts of one machine together.
+
+    pair : 'RECORDED:SIMULATED', two columns to compare in place of the currents of their axis
+    on_progress : called with (steps done, steps in all, what comes next)
+
+    Raises DiagnosisError where nothing can be compared.
+    """
+    parts = _in_order(recordings)
+    notes: list[str] = []
+    if pair is not None:
+        parts = [_paired(r, pair) for r in parts]
+    axes = _comparable_axes(parts, notes)
+    rng = np.random.default_rng(seed)
+    if len(parts) < FEW_PARTS:
+        notes.append(
+            f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
+            "not fitted. Effects that differ between parts (wear, heat) cannot be judged."
+        )
+    findings: list[Finding] = []
+    rejected: list[Rejected] = []
+    models: dict[str, AxisModel] = {}
+    series: dict[str, dict[str, tuple[Float1D, Float1D, Float1D]]] = {r.part.part: {} for r in parts}
+    for k, axis in enumerate(axes):
+        on_progress(k, len(axes), f"axis {axis}")
+        work = _axis(parts, axis, machine, rng, questions_per_axis=len(axes))
+        findings += work.findings
+        rejected += work.rejected
+        notes += work.notes
+        models[axis] = work.model
+        for recording, values in zip(parts, work.series, strict=True):
+            series[recording.part.part][axis] = values
+    on_progress(len(axes), len(axes), "done")
+    findings.sort(key=lambda f: -f.evidence.delta_bic)
+    found = {f.axis for f in findings}
+    return Diagnosis(
+        findings=tuple(findings),
+        clean_axes=tuple(a for a in axes if a not in found),
+        parts={
+            r.part.part: PartSeries(
+                r.time, *({a: v[i] for a, v in series[r.part.part].items()} for i in range(3))
+            )
+            for r in parts
+        },
+        model=as_json(models),
+        rejected=tuple(rejected),
+        notes=tuple(notes),
+    )
+
+
+@dataclass
+class _Work:
+    """What one axis came to."""
+
+    model: AxisModel
+    findings: list[Finding] = field(default_factory=list)
+    rejected: list[Rejected] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    series: list[tuple[Float1D, Float1D, Float1D]] = field(default_factory=list)
+
+
+def _axis(
+    parts: Sequence[Recording], axis: str, machine: Machine | None, rng: np.random.Generator, questions_per_axis: int
+) -> _Work:
+    states = axis_states(parts, axis)
+    simulated = CURRENT_SIM[axis] in parts[0]
+    targets = [r[CURRENT[axis]] - (r[CURRENT_SIM[axis]] if simulated else 0.0) for r in parts]
+    bases, names = (None, ()) if simulated else _equation(parts, states)
+    full = lay_out(states, targets, bases, names)
+    stride = search_stride(full.n, parts[0].sample_rate_hz)
+    small = full if stride == 1 else lay_out(states, targets, bases, names, stride)
+    answer = search(small, rng, questions_per_axis)
+    return _settle(full, parts, answer, rng)
+
+
+def search(mismatch: Mismatch, rng: np.random.Generator, axes: int) -> Answer:
+    """Names for one axis; nothing is estimated for keeps yet."""
+    answer = Answer(mismatch.axis)
+    plain, answer.rejected = candidates(CATALOGUE, mismatch, {})
+    noise = first_noise(mismatch, plain)
+    inside = contained(mismatch, CATALOGUE, noise, rng)
+    offered, _ = candidates(CATALOGUE, mismatch, inside)
+    library = Library(mismatch, offered, any_sign=frozenset(f"miscalibrated:{i}" for i in inside))
+    terms = select_terms(library, noise)
+    # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
+    noise = noise_of(mismatch, noise, terms)
+    terms = select_terms(library, noise, terms)
+    noise = noise_of(mismatch, noise, terms)
+    questions = axes * len({t.name for t in library.terms})
+    terms = confirm(library, noise, terms, answer, questions)
+    library.whiten(noise)
+    answer.terms = terms
+    answer.noise = noise
+    whole = basis(library, noise, terms).bic
+    answer.delta_bic = [basis(library, noise, _without(terms, i)).bic - whole for i in range(len(terms))]
+    answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]
+    return answer
+
+
+def _settle(full: Mismatch, parts: Sequence[Recording], answer: Answer, rng: np.random.Generator) -> _Work:
+    """The final fit on every row, its proof, and the series of every part."""
+    noise = estimate_noise(_plain_residual(full, answer.terms), full.starts, full.noise_class, full.usable)
+    terms = settle_shapes(full, noise, answer.terms)
+    answer.terms = terms
+    found = estimate(full, noise, terms, rng)
+    alone = fit(full, noise, [])
+    level = robust_sd(found.fit.residual[full.usable])
+    equation = Equation(full.base_names, alone.base, found.fit.base) if full.base_names else None
+    model = AxisModel(full.axis, level, tuple(terms), found.fit.amplitudes, equation)
+    recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
+    findings = []
+    for i, term in enumerate(terms):
+        effect = found.fit.amplitudes[i] @ term.columns(full.states)
+        proof = held_out(full, noise, terms, _without(terms, i), recorded)
+        swallowed = _replaced(full, alone.base, fit(full, noise, [term]).base)
+        findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proof, swallowed))
+    series = []
+    for recording, state in zip(parts, full.states, strict=True):
+        simulated = model.simulated(recording, state)
+        effect = model.effect(simulated, recording, state) if terms else np.zeros(len(simulated))
+        series.append((effect, score(effect, level), simulated + effect))
+    return _Work(model, findings, answer.rejected, answer.notes, series)
+
+
+def _plain_residual(full: Mismatch, terms: Sequence[Term]) -> Float1D:
+    """Residual of an unweighted fit that spikes do not move: good enough to see what the noise is like."""
+    flat = estimate_noise(full.target, full.starts, np.zeros(full.n, int), full.usable, highest_order=0)
+    return fit(full, flat, terms).residual
+
+
+def _replaced(full: Mismatch, alone: Float1D, joint: Float1D) -> tuple[str, ...]:
+    """Terms of the equation that lose most of their size, or turn round, once a finding is in."""
+    size = np.sqrt(np.mean(full.base**2, axis=1)) if len(full.base) else np.zeros(0)
+    loud = np.abs(alone) * size > 0.1 * np.max(np.abs(alone) * size, initial=0.0)
+    lost = (np.abs(joint) < 0.3 * np.abs(alone)) | (joint * alone < 0)
+    return tuple(n for n, is_lost, is_loud in zip(full.base_names, lost, loud, strict=True) if is_lost and is_loud)
+
+
+def _equation(parts: Sequence[Recording], states: Sequence[AxisState]):
+    rows = [equation_rows(r) for r in parts]
+    moving = [
+        {s.axis: np.asarray(s.moving, float), **{n: np.asarray(o.moving, float) for n, o in s.others.items()}}
+        for s in states
+    ]
+    keep = supported_terms(rows, moving)
+    return [r[keep] for r in rows], tuple(equation_names()[k] for k in keep)
+
+
+def _without(terms: Sequence[Term], i: int) -> list[Term]:
+    return [t for k, t in enumerate(terms) if k != i]
+
+
+def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
+    if not recordings:
+        raise DiagnosisError("no part was given. Name at least one part folder or recording.")
+    names = [r.part.part for r in recordings]
+    double = sorted({n for n in names if names.count(n) > 1})
+    if double:
+        raise DiagnosisError(f"part {', '.join(double)} was given more than once. Give each part once.")
+    machines = sorted({r.part.machine for r in recordings})
+    if len(machines) > 1:
+        raise DiagnosisError(f"parts of {len(machines)} machines: {', '.join(machines)}. Diagnose one machine at a time.")
+    for r in recordings:
+        if len(r) < _LEAST_ROWS:
+            raise DiagnosisError(
+                f"part {r.part.part}: {len(r)} samples; at least {_LEAST_ROWS} are needed. Leave this part out."
+            )
+        if not np.all(np.diff(r.time) > 0):
+            raise DiagnosisError(f"part {r.part.part}: 'time' does not increase. Put the samples in order first.")
+    far = float("inf")
+    return sorted(recordings, key=lambda r: (_or(r.part.order, far), _or(r.part.start_time_s, far)))
+
+
+def _comparable_axes(parts: Sequence[Recording], notes: list[str]) -> list[str]:
+    axes = []
+    for axis in AXES:
+        recorded = [r for r in parts if CURRENT[axis] in r and np.isfinite(r[CURRENT[axis]]).any()]
+        if not recorded:
+            continue
+        if len(recorded) < len(parts):
+            notes.append(f"axis {axis}: no current in {len(parts) - len(recorded)} part(s); the axis is left out.")
+            continue
+        if all(np.ptp(r[CURRENT[axis]][np.isfinite(r[CURRENT[axis]])]) == 0 for r in parts):
+            notes.append(f"axis {axis}: the recorded current is constant; nothing can be said about it.")
+            continue
+        given = [CURRENT_SIM[axis] in r for r in parts]
+        if any(given) and not all(given):
+            raise DiagnosisError(
+                f"'{CURRENT_SIM[axis]}' is given in some parts and not in {_names(parts, given)}. Give it in all or in none."
+            )
+        if all(given):
+            for r in parts:
+                both = np.isfinite(r[CURRENT[axis]]) & np.isfinite(r[CURRENT_SIM[axis]])
+                if not both.any():
+                    raise DiagnosisError(
+                        f"part {r.part.part}: recording and simulation of axis {axis} do not overlap in time. "
+                        "Align them first, or leave this part out."
+                    )
+        axes.append(axis)
+    if not axes:
+        raise DiagnosisError("no part has a recorded current that varies (curr_x, curr_y, curr_z, curr_sp).")
+    return axes
+
+
+def _paired(recording: Recording, pair: str) -> Recording:
+    recorded, _, simulated = pair.partition(":")
+    if not simulated:
+        raise DiagnosisError(f"--pair {pair}: write RECORDED:SIMULATED, two column names with a colon between them.")
+    axis = next((a for a in ("sp", "x", "y", "z") if a in recorded.split("_")), "x")
+    drop = {*CURRENT.values(), *CURRENT_SIM.values()}
+    both = {CURRENT[axis]: recording[recorded], CURRENT_SIM[axis]: recording[simulated]}
+    return replace(recording, columns={**{k: v for k, v in recording.columns.items() if k not in drop}, **both})
+
+
+def _names(parts: Sequence[Recording], given: Sequence[bool]) -> str:
+    return ", ".join(r.part.part for r, g in zip(parts, given, strict=True) if not g)
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else float(value)

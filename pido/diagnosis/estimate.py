@@ -1,0 +1,143 @@
+"""Amplitudes and shapes with intervals that hold: one Gauss-Newton step around the chosen model, blocks resampled.
+
+In:  one axis on every row, the terms, the noise.
+Out: amplitudes of the joint fit and, per term, a value with its 95 % interval for every parameter.
+A shape parameter enters as the derivative of its term's effect, so that an amplitude's interval knows that the shape is
+not known exactly either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.confirm import bootstrap, interval, units
+from pido.diagnosis.confirm import Whitened
+from pido.diagnosis.finding import Estimate
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.terms import Fit, Term, fit, solve
+from pido.diagnosis.whiten import Noise
+
+_STEP = 0.02  # relative, of a shape parameter
+_STEPS = 4  # Gauss-Newton
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """The joint fit, and per term its parameters by name."""
+
+    fit: Fit
+    parameters: tuple[dict[str, Estimate], ...]
+
+
+def settle_shapes(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """All shapes moved together to the least sum of squares on every row, inside their ranges."""
+    terms = list(terms)
+    best = fit(mismatch, noise, terms)
+    for _ in range(_STEPS):
+        moves = _gauss_newton(mismatch, noise, terms, best)
+        improved = False
+        for share in (1.0, 0.3):
+            trial = [_moved(t, m, share) for t, m in zip(terms, moves, strict=True)]
+            found = fit(mismatch, noise, trial)
+            if found.rss < best.rss * (1 - 1e-6):
+                terms, best, improved = trial, found, True
+                break
+        if not improved:
+            break
+    return terms
+
+
+def estimate(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], rng: np.random.Generator) -> Estimated:
+    """Amplitudes, and intervals of everything that was fitted."""
+    joint = fit(mismatch, noise, terms)
+    columns = [t.columns(mismatch.states) for t in terms]
+    slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
+    design = np.concatenate([mismatch.base, *columns, *[s for group in slopes for s in group.values()]])
+    model = Whitened(noise.whiten(design), noise.whiten(mismatch.target[None])[0], ())
+    beta, covariance = solve(model.X, model.y)
+    draws = bootstrap(model, mismatch, rng)
+    bounds = interval(beta, covariance, draws, units(mismatch))
+    half = [0.5 * (high - low) for low, high in bounds]
+    out: list[dict[str, Estimate]] = []
+    at, slope_at = len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns)
+    for term, amplitudes, group in zip(terms, joint.amplitudes, slopes, strict=True):
+        names = amplitude_names(term, len(amplitudes))
+        found = {}
+        for (name, unit), value in zip(names, amplitudes, strict=True):
+            found[name] = Estimate(float(value), unit, (float(value) - half[at], float(value) + half[at]))
+            at += 1
+        for p in term.mechanism.shape:
+            value = dict(term.shape)[p.name]
+            if p.name in group:
+                found[p.name] = Estimate(value, p.unit, _around(value, half[slope_at], p.scale == "log"))
+                slope_at += 1
+            else:
+                found[p.name] = Estimate(value, p.unit, (value, value))
+        out.append(found)
+    return Estimated(joint, tuple(out))
+
+
+def amplitude_names(term: Term, count: int) -> list[tuple[str, str]]:
+    """Name and unit of each amplitude; numbered where a mechanism has as many as the data need."""
+    own = term.mechanism.amplitudes
+    if len(own) == count:
+        return [(p.name, p.unit) for p in own]
+    first = own[0]
+    return [(f"{first.name}_{i + 1}", first.unit) for i in range(count)]
+
+
+def _slopes(mismatch: Mismatch, term: Term, amplitudes: Float1D) -> dict[str, Float2D]:
+    """Per shape parameter the derivative of the effect by it (by its logarithm on a log scale), (1, n)."""
+    out = {}
+    shape = dict(term.shape)
+    for p in term.mechanism.shape:
+        value = shape[p.name]
+        log = p.scale == "log"
+        step = _STEP if log else _STEP * max(abs(value), 1e-3 * abs((p.high or 1.0) - (p.low or 0.0)))
+        above, below = (value * np.exp(step), value * np.exp(-step)) if log else (value + step, value - step)
+        rows = [
+            amplitudes @ replace(term, shape=tuple({**shape, p.name: float(v)}.items())).columns(mismatch.states)
+            for v in (above, below)
+        ]
+        slope = (rows[0] - rows[1]) / (2 * step)
+        if np.any(slope):
+            out[p.name] = slope[None]
+    return out
+
+
+def _gauss_newton(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], joint: Fit) -> list[dict[str, float]]:
+    columns = [t.columns(mismatch.states) for t in terms]
+    slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
+    extra = [s for group in slopes for s in group.values()]
+    if not extra:
+        return [{} for _ in terms]
+    design = noise.whiten(np.concatenate([mismatch.base, *columns, *extra]))
+    beta, _ = solve(design, noise.whiten(mismatch.target[None])[0])
+    moves, at = [], len(design) - len(extra)
+    for group in slopes:
+        moves.append({name: float(beta[at + i]) for i, name in enumerate(group)})
+        at += len(group)
+    return moves
+
+
+def _moved(term: Term, moves: dict[str, float], share: float) -> Term:
+    shape = dict(term.shape)
+    for p in term.mechanism.shape:
+        if p.name in moves:
+            value, move = shape[p.name], share * moves[p.name]
+            new = value * np.exp(np.clip(move, -0.7, 0.7)) if p.scale == "log" else value + move
+            low = -np.inf if p.low is None else p.low
+            high = np.inf if p.high is None else p.high
+            shape[p.name] = float(np.clip(new, low, high))
+    return replace(term, shape=tuple(shape.items()))
+
+
+def _around(value: float, half: float, log: bool) -> tuple[float, float]:
+    if log:
+        half = min(half, 20.0)
+        return float(value * np.exp(-half)), float(value * np.exp(half))
+    return float(value - half), float(value + half)

@@ -1,0 +1,215 @@
+"""Which physics is missing on one axis: from a laid-out mismatch to named terms that hold.
+
+In:  one axis of all parts (`Mismatch`), the catalogue, what the simulation contains.
+Out: `Answer`: terms, their noise, p values, what each could be mistaken for, what was tried and rejected.
+Order of work: noise from a saturated fit; selection; noise again without what was found, and the search once more (small
+effects show only once the large ones are out); only then the strict tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.confirm import cross_residual, p_value, paired_p, q_values, whitened
+from pido.diagnosis.events import find_events
+from pido.diagnosis.finding import Rejected
+from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.regions import CLEARLY, best_region
+from pido.diagnosis.select import (
+    MOST_TERMS,
+    Library,
+    Score,
+    basis,
+    best_addition,
+    drop_useless,
+    grid_terms,
+    refine,
+    shortlist_of,
+    swap,
+)
+from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.whiten import Noise, estimate_noise
+
+SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
+LEAST_EFFECT = 0.05  # of the noise level, rms where active: a smaller effect is of no use to anybody
+LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another mechanism in the place of a term: how much worse, and the share of the term's gain that it keeps."""
+
+    name: str
+    delta_bic: float
+    share: float
+    term: Term
+
+
+@dataclass
+class Answer:
+    """What was decided about one axis; the lists run parallel to `terms`."""
+
+    axis: str
+    terms: list[Term] = field(default_factory=list)
+    p_values: list[float] = field(default_factory=list)
+    q_values: list[float] = field(default_factory=list)
+    delta_bic: list[float] = field(default_factory=list)
+    rivals: list[list[Rival]] = field(default_factory=list)
+    rejected: list[Rejected] = field(default_factory=list)
+    noise: Noise | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def candidates(
+    mechanisms: Sequence[Mechanism], mismatch: Mismatch, contained: Mapping[str, Term]
+) -> tuple[list[Term], list[Rejected]]:
+    """Every shape of every mechanism that these data can show; what the simulation contains is named as such."""
+    terms, rejected = [], []
+    for mechanism in mechanisms:
+        reason = mechanism.applies(mismatch.states)
+        if reason is not None:
+            rejected.append(Rejected(mismatch.axis, mechanism.id, reason))
+            continue
+        name = f"miscalibrated:{mechanism.id}" if mechanism.id in contained else mechanism.id
+        terms += grid_terms(mechanism, name)
+        if mechanism.id in contained:
+            terms.append(replace(contained[mechanism.id], name=name))
+    return terms, rejected
+
+
+def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
+    """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to leave noise."""
+    columns = _coarse(mismatch, terms)
+    noise = estimate_noise(_left_over(mismatch, columns, None), mismatch.starts, mismatch.noise_class, mismatch.usable)
+    return estimate_noise(_left_over(mismatch, columns, noise), mismatch.starts, mismatch.noise_class, mismatch.usable)
+
+
+def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
+    """Noise of what the joint fit of `terms` leaves."""
+    residual = fit(mismatch, noise, terms).residual
+    return estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable)
+
+
+def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), regions: bool = True) -> list[Term]:
+    """Forward steps with swaps and backward steps, confined versions and events included."""
+    library.whiten(noise)
+    terms = list(start)
+    seen: set[tuple[str, ...]] = set()
+    while len(terms) < MOST_TERMS:
+        current = basis(library, noise, terms)
+        best = next_term(library, noise, terms, regions)
+        if best is None or best.bic > current.bic - LEAST_GAIN:
+            break
+        terms = swap(library, noise, [*terms, best.term])
+        terms = drop_useless(library, noise, terms)
+        names = tuple(sorted(f"{t.name}{t.gates}" for t in terms))
+        if names in seen:
+            break
+        seen.add(names)
+    return terms
+
+
+def next_term(library: Library, noise: Noise, terms: Sequence[Term], regions: bool) -> Score | None:
+    """The best single addition: a mechanism anywhere, one confined to a box, or a force tied to no state."""
+    current = basis(library, noise, terms)
+    taken = {t.name for t in terms}
+    best = best_addition(library, current, taken)
+    if regions:
+        shortlist = [s for s in shortlist_of(library.screen(current), taken)[:8] if not s.term.shape or s.gain > 0]
+        confined = best_region(library, current, shortlist)
+        if confined is not None and (best is None or confined.bic < best.bic - CLEARLY):
+            best = confined
+    if "external_force" not in taken:
+        events = find_events(library.mismatch, noise, current.residual)
+        if events is not None:
+            score = library.score(Term(events), current)
+            # Two ends per interval were searched for, as free as the levels.
+            if score is not None:
+                score = replace(score, bic=score.bic + 2 * len(events.intervals) * np.log(current.n))
+                if best is None or score.bic < best.bic - CLEARLY:
+                    best = score
+    return best
+
+
+def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:
+    """Every other mechanism in the place of one term, the rest refitted; nearest first."""
+    rest = [t for i, t in enumerate(terms) if i != which]
+    whole = basis(library, noise, terms)
+    without = basis(library, noise, rest)
+    gain = max(without.rss - whole.rss, 1e-9)
+    others = shortlist_of(library.screen(without), {t.name for t in rest} | {terms[which].name})
+    out = []
+    for k, score in enumerate(others[:8]):
+        found = refine(library, without, score) if k < 4 else score
+        out.append(Rival(found.term.name, found.bic - whole.bic, found.gain / gain, found.term))
+    return sorted(out, key=lambda r: r.delta_bic)
+
+
+def confirm(library: Library, noise: Noise, terms: list[Term], answer: Answer, questions: int) -> list[Term]:
+    """Terms that stand up to blocks, to parts that were not fitted, and to the number of questions."""
+    mismatch = library.mismatch
+    while terms:
+        model = whitened(mismatch, noise, terms)
+        # Each shape that was tried is a question of its own.
+        p = [p_value(model, i, mismatch.block) for i in range(len(terms))]
+        tried = [min(1.0, v * np.exp(0.5 * library.charge(t))) for v, t in zip(p, terms, strict=True)]
+        q = q_values(tried, questions)
+        worst = int(np.argmax(q))
+        reason = f"q = {q[worst]:.2g}, not significant over {questions} questions" if q[worst] > SIGNIFICANT else None
+        if reason is None:
+            joint = fit(mismatch, noise, terms)
+            for i, term in enumerate(terms):
+                reason = _too_small(mismatch, noise, terms, i, joint.amplitudes[i] @ term.columns(mismatch.states))
+                if reason is not None:
+                    worst = i
+                    break
+        if reason is None:
+            answer.p_values, answer.q_values = tried, q
+            break
+        answer.rejected.append(Rejected(mismatch.axis, terms[worst].name, reason))
+        terms = terms[:worst] + terms[worst + 1 :]
+    return terms
+
+
+def _too_small(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], which: int, effect: Float1D) -> str | None:
+    level = float(np.median(noise.level))
+    size = np.abs(effect[mismatch.usable])
+    active = size > 0.1 * size.max() if size.max() > 0 else size > 0
+    rms = float(np.sqrt(np.mean(size[active] ** 2))) if active.any() else 0.0
+    if rms < LEAST_EFFECT * level:
+        return f"{rms:.2g} A where it acts, under {LEAST_EFFECT:.0%} of the noise"
+    if terms[which].mechanism.id == "external_force":
+        return None
+    rest = [t for i, t in enumerate(terms) if i != which]
+    one = noise.whiten(cross_residual(mismatch, noise, terms)[None])[0]
+    other = noise.whiten(cross_residual(mismatch, noise, rest)[None])[0]
+    gain = other**2 - one**2
+    if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
+        return "no gain on parts that were not fitted"
+    return None
+
+
+def _coarse(mismatch: Mismatch, terms: Sequence[Term]) -> Float2D:
+    by_name: dict[str, list[Term]] = {}
+    for t in terms:
+        by_name.setdefault(t.name, []).append(t)
+    rows = []
+    for group in by_name.values():
+        at = sorted({0, len(group) // 2, len(group) - 1})
+        rows += [group[i].columns(mismatch.states) for i in at]
+    return np.concatenate([mismatch.base, *rows])
+
+
+def _left_over(mismatch: Mismatch, columns: Float2D, noise: Noise | None) -> Float1D:
+    """Residual of a ridge fit; rows beyond eight robust deviations are let go in a second pass."""
+    rows = columns if noise is None else noise.whiten(columns)
+    y = mismatch.target if noise is None else noise.whiten(mismatch.target[None])[0]
+    size = np.sqrt(np.einsum("ij,ij->i", rows, rows))
+    rows, columns = rows[size > 0] / size[size > 0, None], columns[size > 0] / size[size > 0, None]
+    gram = rows @ rows.T + 1e-5 * np.eye(len(rows))
+    return mismatch.target - np.linalg.solve(gram, rows @ y) @ columns

@@ -1,0 +1,187 @@
+"""One axis of all parts, laid out for statistics: what is to be explained, and what may not be confused with it.
+
+In:  the state of one axis in every part, and the signal that simulation and recording disagree about.
+Out: `Mismatch`: target row by row, the terms that are always in the fit, parts, blocks, interruptions, classes of noise.
+The unit of every claim is the part; with fewer than `FEW_PARTS` parts, contiguous blocks stand in, and the answer says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
+from pido.diagnosis.state import AxisState
+
+FEW_PARTS = 3
+SEARCH_ROWS = 60_000  # rows that a search looks at; a longer record is averaged down to them, final fits use every row
+BLOCKS = 160  # blocks in all, at most, that uncertainty is counted in
+_SHORTEST_BLOCK_S = 1.0  # whitened rows forget within a few samples; what whitening misses is forgotten within this
+_SLOWEST_SEARCH_HZ = 40.0  # a search never averages below this rate: reversals last a tenth of a second
+
+Rows = TypeVar("Rows")
+
+
+@dataclass(frozen=True, eq=False)
+class Mismatch:
+    """n rows of one axis, parts one after another.
+
+    target : (n,), A – recorded minus simulated current; the recorded current itself where `base` is the simulation
+    base : (b, n) – terms of an equation that stands for the simulation; fitted together with every candidate
+    base_names : (b,) names of these terms
+    sim : (n,), A – the simulated current, if one was given
+    part, block : (n,) – index of the part; index of the block that counts as one observation
+    starts : (n,) – True where a row does not follow the one before it
+    usable : (n,) – rows that may be fitted
+    noise_class : (n,) – class of state with a noise level of its own
+    stride : rows of the recording that one row here stands for
+    """
+
+    axis: str
+    states: tuple[AxisState, ...]
+    target: Float1D
+    base: Float2D
+    base_names: tuple[str, ...]
+    sim: Float1D | None
+    part: Int1D
+    block: Int1D
+    starts: Bool1D
+    usable: Bool1D
+    noise_class: Int1D
+    stride: int = 1
+
+    @property
+    def n(self) -> int:
+        return len(self.target)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        return tuple(s.part for s in self.states)
+
+    @property
+    def edges(self) -> Int1D:
+        """(p + 1,) – first row of each part, and n."""
+        return np.r_[0, np.cumsum([len(s.time) for s in self.states])]
+
+    @property
+    def fold(self) -> Int1D:
+        """(n,) – what is left out together: the part, or a fifth of the record in time where there are few parts."""
+        if len(self.states) >= FEW_PARTS:
+            return self.part
+        return np.minimum(4, 5 * np.arange(self.n) // max(1, self.n))
+
+    @property
+    def scheme(self) -> str:
+        return "leave-one-part-out" if len(self.states) >= FEW_PARTS else "leave-one-block-out (fewer than 3 parts)"
+
+    def with_target(self, target: Float1D) -> Mismatch:
+        return replace(self, target=target)
+
+
+def lay_out(
+    states: Sequence[AxisState],
+    targets: Sequence[Float1D],
+    bases: Sequence[Float2D] | None = None,
+    base_names: tuple[str, ...] = (),
+    stride: int = 1,
+) -> Mismatch:
+    """Parts one after another, with blocks of equal length and every interruption marked.
+
+    targets : per part (n_p,), NaN where recorded or simulated current is missing
+    bases : per part (b, n_p); none where the simulated current is given
+    stride : every stride-th row, the target averaged over that many
+    """
+    thin = [_thin(s, stride) for s in states]
+    target = np.concatenate([_box(t, stride) for t in targets])
+    base = np.concatenate([_box(b, stride) for b in bases], axis=-1) if bases else np.zeros((0, len(target)))
+    sims = [s.sim for s in thin]
+    sim = np.concatenate([s for s in sims if s is not None]) if all(s is not None for s in sims) else None
+    usable = np.concatenate([s.usable for s in thin]) & np.isfinite(target) & np.isfinite(base).all(axis=0)
+    starts = np.concatenate([_starts(s.time) for s in thin])
+    starts |= ~usable
+    starts[1:] |= ~usable[:-1]
+    part = np.repeat(np.arange(len(thin)), [len(s.time) for s in thin])
+    return Mismatch(
+        axis=thin[0].axis,
+        states=tuple(thin),
+        target=np.where(usable, target, 0.0),
+        base=np.where(usable, base, 0.0),
+        base_names=base_names,
+        sim=sim,
+        part=part,
+        block=_blocks(thin),
+        starts=starts,
+        usable=usable,
+        noise_class=np.concatenate([_noise_class(s) for s in thin]),
+        stride=stride,
+    )
+
+
+def search_stride(rows: int, rate_hz: float) -> int:
+    """How many rows a search may average into one.
+
+    >>> search_stride(40_000, 100.0), search_stride(1_000_000, 500.0)
+    (1, 12)
+    """
+    wanted = int(np.ceil(rows / SEARCH_ROWS))
+    return max(1, min(wanted, int(rate_hz / _SLOWEST_SEARCH_HZ)))
+
+
+def take_rows(value: Rows, rows: slice, n: int) -> Rows:
+    """The same value (dataclass, mapping, array) with every array of n rows cut to `rows`."""
+    return _take(value, rows, n)
+
+
+def _take(value: Any, rows: slice, n: int) -> Any:
+    if isinstance(value, np.ndarray):
+        return value[rows] if value.ndim and len(value) == n else value
+    if isinstance(value, Mapping):
+        return {k: _take(v, rows, n) for k, v in value.items()}
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return tuple(_take(v, rows, n) for v in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **{f.name: _take(getattr(value, f.name), rows, n) for f in fields(value) if f.init})
+    return value
+
+
+def _thin(state: AxisState, stride: int) -> AxisState:
+    n = len(state.time)
+    return state if stride == 1 else take_rows(state, slice(stride // 2, (n // stride) * stride, stride), n)
+
+
+def _box(values: Float2D, stride: int) -> Float2D:
+    if stride == 1:
+        return np.asarray(values, float)
+    n = values.shape[-1] // stride * stride
+    return np.asarray(values[..., :n], float).reshape(*values.shape[:-1], -1, stride).mean(axis=-1)
+
+
+def _starts(time: Float1D) -> Bool1D:
+    """First row, and every row after a gap of more than 1.5 steps."""
+    starts = np.ones(len(time), bool)
+    if len(time) > 1:
+        step = np.diff(time)
+        starts[1:] = step > 1.5 * np.median(step)
+    return starts
+
+
+def _blocks(states: Sequence[AxisState]) -> Int1D:
+    rows = np.array([len(s.time) for s in states])
+    seconds = np.array([s.time[-1] - s.time[0] for s in states])
+    per_part = np.maximum(4, np.minimum(seconds / _SHORTEST_BLOCK_S, BLOCKS * rows / rows.sum())).astype(int)
+    out, first = [], 0
+    for n, k in zip(rows, per_part, strict=True):
+        out.append(first + np.minimum(k - 1, k * np.arange(n) // max(1, n)))
+        first += k
+    return np.concatenate(out)
+
+
+def _noise_class(state: AxisState) -> Int1D:
+    """0 standstill, 1 motion, 2 change of speed; 3 more where the tool is engaged."""
+    moving = np.asarray(state.moving, bool)
+    hard = np.abs(state.a) > 0.2 * max(1e-12, float(np.nanmax(np.abs(state.a), initial=0.0)))
+    engaged = np.zeros(len(state.time), bool) if state.engaged is None else np.asarray(state.engaged, bool)
+    return np.where(hard, 2, np.where(moving, 1, 0)) + 3 * engaged

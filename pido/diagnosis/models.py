@@ -1,0 +1,180 @@
+"""The model of one axis that a diagnosis leaves behind: named terms with amplitudes, as plain JSON data and back.
+
+In:  terms and amplitudes, or `Diagnosis.model`.
+Out: `AxisModel`: simulated current and systematic mismatch of any part, from its state alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pido.core.arrays import Float1D
+from pido.core.columns import CURRENT_SIM
+from pido.core.errors import DiagnosisError
+from pido.core.recording import Recording
+from pido.diagnosis.baseline import equation_names, equation_rows
+from pido.diagnosis.events import ExternalForce
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.unknown import Formula, Surface
+
+
+@dataclass(frozen=True)
+class Equation:
+    """The equation that stands for the simulation: alone, and refitted together with the findings."""
+
+    names: tuple[str, ...]
+    alone: Float1D
+    joint: Float1D
+
+    def of(self, recording: Recording, coefficients: Float1D) -> Float1D:
+        at = [equation_names().index(n) for n in self.names]
+        return coefficients @ equation_rows(recording)[at]
+
+
+@dataclass(frozen=True)
+class AxisModel:
+    """simulated + effect = corrected.
+
+    noise_level : A – what the residual of this axis usually is
+    delay : s – the recording lags the simulation by delay[0] + delay[1] * time
+    limits : A – the recorded current never leaves them
+    """
+
+    axis: str
+    noise_level: float
+    terms: tuple[Term, ...] = ()
+    amplitudes: tuple[Float1D, ...] = ()
+    equation: Equation | None = None
+    delay: tuple[float, float] = (0.0, 0.0)
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    notes: tuple[str, ...] = field(default=())
+
+    def simulated(self, recording: Recording, state: AxisState) -> Float1D:
+        """(n,), A. Raises DiagnosisError where the recording has no simulated current and there is no equation."""
+        if self.equation is not None:
+            return self.equation.of(recording, self.equation.alone)
+        if state.sim is None:
+            raise DiagnosisError(
+                f"part {recording.part.part}: column '{CURRENT_SIM[self.axis]}' is missing, and the diagnosis was made "
+                "against simulated currents. Add the simulation's current to this part."
+            )
+        return state.sim
+
+    def effect(self, simulated: Float1D, recording: Recording, state: AxisState) -> Float1D:
+        """(n,), A – recorded minus simulated current as far as it is systematic."""
+        total = np.zeros(len(state.time))
+        if any(self.delay):
+            total += shifted(state.time, simulated, self.delay) - simulated
+        if self.equation is not None:
+            total += self.equation.of(recording, self.equation.joint) - simulated
+        for term, amplitudes in zip(self.terms, self.amplitudes, strict=True):
+            total += amplitudes @ term.of_part(state)
+        return np.clip(simulated + total, *self.limits) - simulated
+
+
+def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
+    """The signal as it is seen `delay[0] + delay[1] * time` later; held at the ends."""
+    good = np.isfinite(values)
+    return np.interp(time - delay[0] - delay[1] * time, time[good], values[good]) if good.any() else values
+
+
+def as_json(models: Mapping[str, AxisModel]) -> dict[str, Any]:
+    """`Diagnosis.model`."""
+    return {"axes": {axis: _axis_json(m) for axis, m in models.items()}}
+
+
+def axis_models(model: Mapping[str, Any]) -> dict[str, AxisModel]:
+    """Back from `as_json`. Raises DiagnosisError for what this version does not know."""
+    try:
+        return {axis: _axis_model(axis, data) for axis, data in model["axes"].items()}
+    except (KeyError, TypeError, AttributeError) as error:
+        raise DiagnosisError(f"the model of this diagnosis is damaged ({error!r}). Run 'pido diagnose' again.") from None
+
+
+def _axis_json(m: AxisModel) -> dict[str, Any]:
+    return {
+        "noise_level": m.noise_level,
+        "delay": list(m.delay),
+        "limits": [v if np.isfinite(v) else None for v in m.limits],
+        "equation": None
+        if m.equation is None
+        else {"names": list(m.equation.names), "alone": m.equation.alone.tolist(), "joint": m.equation.joint.tolist()},
+        "terms": [_term_json(t, a) for t, a in zip(m.terms, m.amplitudes, strict=True)],
+    }
+
+
+def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
+    low, high = data["limits"]
+    equation = data["equation"]
+    terms = [_term(t) for t in data["terms"]]
+    return AxisModel(
+        axis=axis,
+        noise_level=float(data["noise_level"]),
+        terms=tuple(terms),
+        amplitudes=tuple(np.asarray(t["amplitudes"], float) for t in data["terms"]),
+        equation=None
+        if equation is None
+        else Equation(tuple(equation["names"]), np.asarray(equation["alone"]), np.asarray(equation["joint"])),
+        delay=(float(data["delay"][0]), float(data["delay"][1])),
+        limits=(-np.inf if low is None else float(low), np.inf if high is None else float(high)),
+    )
+
+
+def _term_json(term: Term, amplitudes: Sequence[float]) -> dict[str, Any]:
+    own: dict[str, Any] = {"id": term.mechanism.id}
+    match term.mechanism:
+        case ExternalForce(intervals=intervals):
+            own["intervals"] = [list(i) for i in intervals]
+        case Formula(factors=factors, unit=unit):
+            own |= {"factors": [list(f) for f in factors], "unit": unit}
+        case Surface(variables=variables, knots=knots, split=split):
+            own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
+        case _:
+            pass
+    return {
+        "name": term.name,
+        "mechanism": own,
+        "shape": dict(term.shape),
+        "gates": [
+            {
+                "variable": g.variable,
+                "low": g.low if np.isfinite(g.low) else None,
+                "high": g.high if np.isfinite(g.high) else None,
+            }
+            for g in term.gates
+        ],
+        "amplitudes": [float(a) for a in amplitudes],
+    }
+
+
+def _term(data: Mapping[str, Any]) -> Term:
+    gates = tuple(
+        Gate(
+            g["variable"],
+            -np.inf if g["low"] is None else float(g["low"]),
+            np.inf if g["high"] is None else float(g["high"]),
+        )
+        for g in data["gates"]
+    )
+    return Term(_mechanism(data["mechanism"]), tuple(data["shape"].items()), gates, data["name"])
+
+
+def _mechanism(own: Mapping[str, Any]) -> Mechanism:
+    if "intervals" in own:
+        return ExternalForce(tuple((str(p), float(a), float(b)) for p, a, b in own["intervals"]))
+    if "factors" in own:
+        return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]))
+    if "variables" in own:
+        knots = tuple(tuple(float(k) for k in ks) for ks in own["knots"])
+        return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))
+    found = next((m for m in CATALOGUE if m.id == own["id"]), None)
+    if found is None:
+        raise DiagnosisError(f"mechanism '{own['id']}' is not in the catalogue of this version. Run 'pido diagnose' again.")
+    return found

@@ -1,0 +1,285 @@
+"""Which mechanisms, and how many: steps forward, swaps and steps back over a whole catalogue at once.
+
+In:  one axis of all parts, its noise, and the mechanisms that these data could show.
+Out: the set of terms with the least BIC of the whitened rows that moves cannot better, and what every other mechanism
+     would have done in the place of each.
+Source: variable projection (Golub and Pereyra 1973): amplitudes drop out of the search, only shapes are searched; extended
+BIC (Chen and Chen 2008) charges a mechanism for the number of shapes that were tried on its behalf.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.terms import Gate, Term, bic
+from pido.diagnosis.whiten import Noise
+
+MOST_TERMS = 8  # on one axis; more named terms than this is a description, not a diagnosis
+_COLLINEAR = 1e-3  # share of a regressor that must be left once the terms already chosen are taken out of it
+_SHORTLIST = 6  # mechanisms whose shape is refined in each step
+_TIE = 4.0  # BIC: of mechanisms this close, the one with fewer free numbers is taken
+_LIMITS_TRIED = 60  # limits of a region that a search looks at per step
+_FORBIDDEN_SE = 2.5  # standard errors by which an amplitude may lie outside its plausible range
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What one more term would bring: gain in whitened sum of squares, BIC and amplitudes."""
+
+    term: Term
+    gain: float
+    bic: float
+    amplitudes: Float1D
+
+    @property
+    def cost(self) -> float:
+        return self.bic
+
+
+class Library:
+    """Every mechanism at every point of its shape grid, as rows of one array.
+
+    `allowed_sign` : mechanism id -> False where its amplitude may have any sign, because the simulation contains it
+    """
+
+    def __init__(self, mismatch: Mismatch, terms: Sequence[Term], any_sign: frozenset[str] = frozenset()) -> None:
+        self.mismatch = mismatch
+        self.any_sign = any_sign
+        self.terms: list[Term] = []
+        rows, spans, first = [], [], 0
+        for term in terms:
+            columns = term.columns(mismatch.states).astype(np.float32)
+            if not np.any(columns[:, mismatch.usable]):
+                continue
+            rows.append(columns)
+            self.terms.append(term)
+            spans.append((first, first + len(columns)))
+            first += len(columns)
+        self.spans = spans
+        self.rows = np.concatenate(rows) if rows else np.zeros((0, mismatch.n), np.float32)
+        self.tries = {name: sum(t.name == name for t in self.terms) for name in {t.name for t in self.terms}}
+        self.whitened = self.rows
+        self.grams: list[Float2D] = []
+        self.noise: Noise | None = None
+
+    def whiten(self, noise: Noise) -> None:
+        """From now on, under this noise."""
+        self.noise = noise
+        self.whitened = noise.whiten(self.rows).astype(np.float32)
+        self.grams = [
+            np.asarray(self.whitened[i:j] @ self.whitened[i:j].T, float) for i, j in self.spans
+        ]
+
+    def charge(self, term: Term) -> float:
+        """BIC for the shapes and the limits of a region that were tried on a term's behalf."""
+        return 2 * np.log(max(1, self.tries.get(term.name, 1))) + len(term.gates) * 2 * np.log(_LIMITS_TRIED)
+
+    def screen(self, current: Basis) -> list[Score]:
+        """One more term of the library, each at its grid point; implausible amplitudes are left out."""
+        onto = self.whitened @ current.Q.T.astype(np.float32)
+        with_residual = np.asarray(self.whitened @ current.residual.astype(np.float32), float)
+        onto = np.asarray(onto, float)
+        out = []
+        for term, (i, j), gram in zip(self.terms, self.spans, self.grams, strict=True):
+            score = self._score(term, gram, onto[i:j], with_residual[i:j], current)
+            if score is not None:
+                out.append(score)
+        return out
+
+    def score(self, term: Term, current: Basis) -> Score | None:
+        """The same for one term anywhere in its shape space."""
+        assert self.noise is not None
+        rows = self.noise.whiten(term.columns(self.mismatch.states))
+        return self._score(term, rows @ rows.T, rows @ current.Q.T, rows @ current.residual, current)
+
+    def _score(self, term: Term, gram: Float2D, onto: Float2D, inner: Float1D, current: Basis) -> Score | None:
+        own = np.diag(gram)
+        left = gram - onto @ onto.T
+        keep = np.diag(left) > _COLLINEAR * np.maximum(own, 1e-30)
+        if not keep.any() or own.max() <= 0:
+            return None
+        beta = np.zeros(len(own))
+        sub = left[np.ix_(keep, keep)]
+        size = np.sqrt(np.diag(sub))
+        values, vectors = np.linalg.eigh(sub / np.outer(size, size))
+        good = values > _COLLINEAR
+        inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T / np.outer(size, size)
+        beta[keep] = inverse @ inner[keep]
+        gain = float(beta @ inner)
+        if not 0 < gain < current.rss:
+            return None
+        if term.name not in self.any_sign:
+            sd = np.zeros(len(own))
+            sd[keep] = np.sqrt(np.diag(inverse) * current.rss / current.n)
+            if not plausible(term.mechanism, beta, sd):
+                return None
+        free = current.free + int(good.sum()) + term.free
+        searched = self.charge(term)
+        return Score(term, gain, bic(current.rss - gain, current.n, free) + current.searched + searched, beta)
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Terms already chosen, orthogonal and whitened.
+
+    Q : (q, n) orthonormal; residual : (n,) whitened; searched : charge for shapes tried
+    """
+
+    Q: Float2D
+    residual: Float1D
+    rss: float
+    n: int
+    free: int
+    searched: float
+
+    @property
+    def bic(self) -> float:
+        return bic(self.rss, self.n, self.free) + self.searched
+
+
+def basis(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
+    """The basis of the mismatch's base and `terms` under `noise`."""
+    m = library.mismatch
+    columns = [t.columns(m.states) for t in terms]
+    X = noise.whiten(np.concatenate([m.base, *columns])) if len(m.base) or terms else np.zeros((0, m.n))
+    y = noise.whiten(m.target[None])[0]
+    Q = orthonormal(X)
+    residual = y - (Q @ y) @ Q
+    free = len(m.base) + sum(len(c) + t.free for t, c in zip(terms, columns, strict=True))
+    searched = sum(library.charge(t) for t in terms)
+    return Basis(Q, residual, float(residual @ residual), int(noise.valid.sum()), free, float(searched))
+
+
+def orthonormal(X: Float2D) -> Float2D:
+    """(q, n) orthonormal rows that span the rows of X; dependent rows are dropped."""
+    if len(X) == 0:
+        return X
+    size = np.sqrt(np.einsum("ij,ij->i", X, X))
+    X = X[size > 0] / size[size > 0, None]
+    values, vectors = np.linalg.eigh(X @ X.T)
+    keep = values > 1e-9 * max(len(X), 1)
+    Q = (vectors[:, keep] / np.sqrt(values[keep])).T @ X
+    # A second pass restores orthogonality that the Gram matrix of a badly conditioned set loses.
+    values, vectors = np.linalg.eigh(Q @ Q.T)
+    return (vectors / np.sqrt(values)).T @ Q
+
+
+def plausible(mechanism: Mechanism, beta: Float1D, sd: Float1D) -> bool:
+    """No amplitude outside its physical range by more than its uncertainty."""
+    if len(mechanism.amplitudes) != len(beta):
+        return True
+    low = np.array([_or(p.low, -np.inf) for p in mechanism.amplitudes])
+    high = np.array([_or(p.high, np.inf) for p in mechanism.amplitudes])
+    return bool(np.all(beta > low - _FORBIDDEN_SE * sd) and np.all(beta < high + _FORBIDDEN_SE * sd))
+
+
+def grid_terms(mechanism: Mechanism, name: str = "", gates: tuple[Gate, ...] = ()) -> list[Term]:
+    """One term per point of the mechanism's shape grid."""
+    names = [p.name for p in mechanism.shape]
+    return [
+        Term(mechanism, tuple(zip(names, map(float, point), strict=True)), gates, name)
+        for point in itertools.product(*(p.grid for p in mechanism.shape))
+    ]
+
+
+def best_addition(library: Library, current: Basis, taken: set[str]) -> Score | None:
+    """The mechanism that lowers the BIC most, its shape refined; among near ties the simplest."""
+    shortlist = shortlist_of(library.screen(current), taken)
+    if not shortlist:
+        return None
+    refined = [refine(library, current, s) for s in shortlist[:_SHORTLIST]]
+    return simplest(refined)
+
+
+def shortlist_of(scores: Sequence[Score], taken: set[str]) -> list[Score]:
+    """The best shape of each mechanism that is not taken, best first."""
+    best: dict[str, Score] = {}
+    for s in scores:
+        if s.term.name not in taken and (s.term.name not in best or s.bic < best[s.term.name].bic):
+            best[s.term.name] = s
+    return sorted(best.values(), key=lambda s: s.bic)
+
+
+def simplest(scores: Sequence[Score]) -> Score:
+    """The score of least BIC, or the simplest of those within a tie of it."""
+    least = min(s.bic for s in scores)
+    near = [s for s in scores if s.bic <= least + _TIE]
+    return min(near, key=lambda s: (len(s.amplitudes) + s.term.free, s.bic))
+
+
+def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> Score:
+    """The same mechanism with its shape moved off the grid, one parameter after another."""
+    best = score
+    for _ in range(rounds):
+        for parameter in score.term.mechanism.shape:
+            best = _refine_one(library, current, best, parameter)
+    return best
+
+
+def _refine_one(library: Library, current: Basis, score: Score, parameter: Parameter) -> Score:
+    shape = dict(score.term.shape)
+    grid = np.asarray(sorted(parameter.grid), float)
+    if len(grid) < 2:
+        return score
+    log = parameter.scale == "log"
+    to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
+    here = shape[parameter.name]
+    at = int(np.argmin(np.abs(to(grid) - to(here))))
+    low, high = float(to(grid[max(0, at - 1)])), float(to(grid[min(len(grid) - 1, at + 1)]))
+    best = score
+
+    def loss(u: float) -> float:
+        nonlocal best
+        term = replace(score.term, shape=tuple({**shape, parameter.name: float(back(u))}.items()))
+        found = library.score(term, current)
+        if found is None:
+            return current.rss
+        if found.bic < best.bic:
+            best = found
+        return current.rss - found.gain
+
+    minimize_scalar(loss, bounds=(low, high), method="bounded", options={"maxiter": 9, "xatol": 0.01 * (high - low)})
+    return best
+
+
+def swap(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
+    """Each term against every other mechanism, the rest kept."""
+    if len(terms) < 2:
+        return terms
+    for _ in range(2):
+        changed = False
+        for i in range(len(terms)):
+            rest = terms[:i] + terms[i + 1 :]
+            current = basis(library, noise, rest)
+            whole = basis(library, noise, terms).bic
+            best = best_addition(library, current, {t.name for t in rest})
+            if best is not None and best.bic < whole - 1.0:
+                terms = [*terms[:i], best.term, *terms[i + 1 :]]
+                changed = True
+        if not changed:
+            break
+    return terms
+
+
+def drop_useless(library: Library, noise: Noise, terms: list[Term], least_gain: float = 6.0) -> list[Term]:
+    """Terms whose removal costs less than `least_gain` of BIC are removed, the least useful first."""
+    while terms:
+        whole = basis(library, noise, terms).bic
+        without = [basis(library, noise, terms[:i] + terms[i + 1 :]).bic for i in range(len(terms))]
+        i = int(np.argmin(without))
+        if without[i] > whole + least_gain:
+            break
+        terms = terms[:i] + terms[i + 1 :]
+    return terms
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None else value

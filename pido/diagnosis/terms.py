@@ -1,0 +1,165 @@
+"""A mechanism with its shape settled and the region in which it acts: what a joint fit adds up.
+
+In:  mechanisms of the catalogue and one axis of all parts.
+Out: `Term`, its regressors row by row, and a joint generalised least-squares `fit` of several terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.whiten import Noise
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Acts only where low <= variable < high; variable is 'v_x', 'v_y' (mm/s) or 'AR' (mm²)."""
+
+    variable: str
+    low: float = -np.inf
+    high: float = np.inf
+
+    @property
+    def condition(self) -> str:
+        """In the form of the contract, e.g. 'v_x > 4'."""
+        sides = []
+        if np.isfinite(self.low):
+            sides.append(f"{self.variable} > {self.low:.3g}")
+        if np.isfinite(self.high):
+            sides.append(f"{self.variable} < {self.high:.3g}")
+        return " and ".join(sides)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A mechanism, its shape parameters, its region, and the name that the diagnosis gives it.
+
+    `name` differs from the mechanism's id where the simulation already contains it: 'miscalibrated:<id>'.
+    """
+
+    mechanism: Mechanism
+    shape: tuple[tuple[str, float], ...] = ()
+    gates: tuple[Gate, ...] = ()
+    name: str = field(default="")
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.mechanism.id)
+
+    @property
+    def free(self) -> int:
+        """Numbers that were chosen besides the amplitudes."""
+        return len(self.shape) + len(self.gates)
+
+    def columns(self, states: Sequence[AxisState]) -> Float2D:
+        """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""
+        parts = [self.of_part(s) for s in states]
+        return np.concatenate(parts, axis=1)
+
+    def of_part(self, state: AxisState) -> Float2D:
+        """(k, n) of one part."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = np.asarray(self.mechanism.regressors(state, **dict(self.shape)), float).T
+        values = np.where(np.isfinite(values), values, 0.0)
+        return values * inside(state, self.gates) if self.gates else values
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Joint generalised least squares of base and terms.
+
+    amplitudes : per term (k,); base : (b,); covariance : over [base, amplitudes], classical
+    rss, n, bic : of the whitened rows
+    residual : (n,), A – target minus base and terms
+    """
+
+    terms: tuple[Term, ...]
+    amplitudes: tuple[Float1D, ...]
+    base: Float1D
+    covariance: Float2D
+    rss: float
+    n: int
+    bic: float
+    residual: Float1D
+    whitened_residual: Float1D
+
+    @property
+    def modelled(self) -> int:
+        return len(self.terms)
+
+
+def gate_variable(state: AxisState, variable: str) -> Float1D | None:
+    """(n,) of 'v_x', 'v_y' or 'AR', None where the recording does not have it."""
+    if variable == "AR":
+        return state.ar
+    axis = variable.removeprefix("v_")
+    if axis == state.axis:
+        return state.v
+    other = state.others.get(axis)
+    return None if other is None else other.v
+
+
+def inside(state: AxisState, gates: Sequence[Gate]) -> Bool1D:
+    """(n,) – rows inside all gates; where a variable is not known, nothing is inside."""
+    result = np.ones(len(state.time), bool)
+    for gate in gates:
+        values = gate_variable(state, gate.variable)
+        if values is None:
+            return np.zeros(len(state.time), bool)
+        result &= (values >= gate.low) & (values < gate.high)
+    return result
+
+
+def fit(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], columns: Sequence[Float2D] | None = None) -> Fit:
+    """Amplitudes of `terms` and of the base, all at once."""
+    columns = [t.columns(mismatch.states) for t in terms] if columns is None else list(columns)
+    design = np.concatenate([mismatch.base, *columns]) if terms or len(mismatch.base) else np.zeros((0, mismatch.n))
+    y = noise.whiten(mismatch.target[None])[0]
+    X = noise.whiten(design)
+    beta, covariance = solve(X, y)
+    whitened = y - beta @ X
+    n = int(noise.valid.sum())
+    rss = float(whitened @ whitened)
+    b = len(mismatch.base)
+    sizes = np.cumsum([b, *[len(c) for c in columns]])
+    amplitudes = tuple(beta[i:j] for i, j in zip(sizes[:-1], sizes[1:], strict=True))
+    free = b + sum(len(c) + t.free for t, c in zip(terms, columns, strict=True))
+    return Fit(
+        terms=tuple(terms),
+        amplitudes=amplitudes,
+        base=beta[:b],
+        covariance=covariance,
+        rss=rss,
+        n=n,
+        bic=bic(rss, n, free),
+        residual=mismatch.target - beta @ design,
+        whitened_residual=whitened,
+    )
+
+
+def bic(rss: float, n: int, free: int) -> float:
+    """Schwarz' criterion of n independent normal errors of unknown variance."""
+    return float(n * np.log(max(rss, 1e-300) / n) + free * np.log(max(n, 2)))
+
+
+def solve(X: Float2D, y: Float1D) -> tuple[Float1D, Float2D]:
+    """Least squares of y on the rows of X, minimum norm where they are dependent; and (X Xᵀ)⁻¹ * residual variance."""
+    if len(X) == 0:
+        return np.zeros(0), np.zeros((0, 0))
+    size = np.sqrt(np.einsum("ij,ij->i", X, X))
+    size = np.where(size > 0, size, 1.0)
+    gram = (X @ X.T) / np.outer(size, size)
+    values, vectors = np.linalg.eigh(gram)
+    keep = values > 1e-9 * max(values[-1], 1e-300)
+    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    beta = (inverse @ ((X @ y) / size)) / size
+    residual = y - beta @ X
+    free = max(1, int(np.count_nonzero(y)) - int(keep.sum()))
+    return beta, inverse / np.outer(size, size) * (residual @ residual) / free

@@ -1,0 +1,268 @@
+"""What no mechanism of the catalogue explains: how much of it there is, where it acts, and a model without a name.
+
+In:  what is left of one axis' mismatch, and everything that the recording knows about the state.
+Out: the share that a flexible model predicts on unseen parts; a formula in the recorded quantities, or a surface over one or
+     two of them, with the units that make it an ampere.
+A flexible model has no say in naming. It only tells when a name would be dressing up.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import stats
+from sklearn.ensemble import HistGradientBoostingRegressor
+
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.state import AxisState
+
+_TREES = dict(max_iter=80, learning_rate=0.12, max_leaf_nodes=12, min_samples_leaf=60, l2_regularization=5.0)
+_MOST_ROWS = 30_000
+_SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What a flexible model predicts of a residual on folds that it has not seen.
+
+    explained : A² – mean square that it takes away (may be negative)
+    share : of the residual's mean square
+    p_value : one-sided, blocks as observations
+    """
+
+    explained: float
+    share: float
+    p_value: float
+    prediction: Float1D
+
+
+def signals(state: AxisState) -> dict[str, tuple[Float1D, str]]:
+    """Name -> (values (n,), unit) of everything known about the state that a current could depend on."""
+    spindle = state.axis == "sp"
+    length, speed = ("deg", "deg/s") if spindle else ("mm", "mm/s")
+    a = state.axis
+    found: dict[str, tuple[Float1D | None, str]] = {
+        f"v_{a}": (state.v, speed),
+        f"a_{a}": (state.a, f"{speed}²"),
+        f"pos_{a}": (None if spindle else state.pos, length),
+        f"held_{a}": (state.held, "–"),
+        f"d_{a}": (state.since_reversal, length),
+        f"f_{a}": (state.force, "N"),
+        "M_sp": (state.m_sp, "N·m"),
+        "MRR": (state.mrr, "mm³/s"),
+        "AR": (state.ar, "mm²"),
+        "coolant": (state.coolant, "–"),
+        "uptime": (state.clock if state.clock is not None else None, "s"),
+    }
+    for name, other in state.others.items():
+        if name != a:
+            found[f"v_{name}"] = (other.v, "deg/s" if name == "sp" else "mm/s")
+            found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
+    return {k: (np.asarray(v, float), unit) for k, (v, unit) in found.items() if v is not None}
+
+
+def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
+    """The signals that every part has and that vary, parts one after another."""
+    each = [signals(s) for s in states]
+    names = [n for n in each[0] if all(n in e for e in each)]
+    out = {n: (np.nan_to_num(np.concatenate([e[n][0] for e in each])), each[0][n][1]) for n in names}
+    return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
+
+
+def structure(mismatch: Mismatch, residual: Float1D, level: Float1D, seed: int) -> Structure:
+    """How much of `residual` a flexible model of the state predicts on unseen folds."""
+    features = np.column_stack([v for v, _ in common_signals(mismatch.states).values()])
+    usable = np.flatnonzero(mismatch.usable)
+    stride = max(1, len(usable) // _MOST_ROWS)
+    rows = usable[stride // 2 :: stride]
+    fold = _three_folds(mismatch, rows)
+    y = residual[rows]
+    top = 8 * float(np.median(level[rows]))
+    prediction = np.zeros(mismatch.n)
+    for k in np.unique(fold):
+        learn = fold != k
+        trees = HistGradientBoostingRegressor(random_state=seed, early_stopping=False, **_TREES)
+        trees.fit(features[rows[learn]], np.clip(y[learn], -top, top), sample_weight=level[rows[learn]] ** -2.0)
+        prediction[rows[fold == k]] = trees.predict(features[rows[fold == k]])
+    gain = y**2 - (y - prediction[rows]) ** 2
+    block = np.bincount(mismatch.block[rows], gain)
+    count = np.bincount(mismatch.block[rows])
+    block = block[count > 0]
+    p = float(stats.ttest_1samp(block, 0.0, alternative="greater").pvalue) if len(block) > 2 and np.ptp(block) else 1.0
+    total = float(np.mean(y**2)) or 1.0
+    return Structure(float(np.mean(gain)), float(np.mean(gain)) / total, p, prediction)
+
+
+@dataclass(frozen=True)
+class Formula(Mechanism):
+    """A product of one or two recorded quantities: dI = k * p(u) * q(w), k in A per their units."""
+
+    factors: tuple[tuple[str, str], ...]  # (signal, form)
+    unit: str
+
+    id: ClassVar[str] = "unknown"
+    kind: ClassVar[Any] = "unexplained"
+    shape: ClassVar[tuple[Parameter, ...]] = ()
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        return "dI = k * " + " * ".join(_written(s, f) for s, f in self.factors)
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return (Parameter("k", f"A/({self.unit})" if self.unit != "–" else "A"),)
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        known = signals(state)
+        out = np.ones(len(state.time))
+        for name, form in self.factors:
+            out = out * FORMS[form](known[name][0])
+        return out[:, None]
+
+    def applies(self, states: Sequence[AxisState]) -> str | None:
+        return None
+
+
+@dataclass(frozen=True)
+class Surface(Mechanism):
+    """A piecewise linear curve or surface over one or two recorded quantities; its knots' heights are in A."""
+
+    variables: tuple[str, ...]
+    knots: tuple[tuple[float, ...], ...]
+    split: tuple[bool, ...]  # the curve may jump where this quantity changes sign
+
+    id: ClassVar[str] = "unknown"
+    kind: ClassVar[Any] = "unexplained"
+    shape: ClassVar[tuple[Parameter, ...]] = ()
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        return f"dI = g({', '.join(self.variables)}), piecewise linear"
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        count = int(np.prod([_width(k, s) for k, s in zip(self.knots, self.split, strict=True)]))
+        return tuple(Parameter(f"g_{i}", "A") for i in range(count))
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        known = signals(state)
+        out = np.ones((len(state.time), 1))
+        for name, knots, split in zip(self.variables, self.knots, self.split, strict=True):
+            hats = _hats(known[name][0], np.asarray(knots), split)
+            out = (out[:, :, None] * hats[:, None, :]).reshape(len(out), -1)
+        return out
+
+    def applies(self, states: Sequence[AxisState]) -> str | None:
+        return None
+
+
+FORMS: Mapping[str, Any] = {
+    "u": lambda u: u,
+    "|u|": np.abs,
+    "u²": lambda u: u**2,
+    "u|u|": lambda u: u * np.abs(u),
+    "sgn u": np.sign,
+    "√|u|": lambda u: np.sqrt(np.abs(u)),
+    "√|u| sgn u": lambda u: np.sqrt(np.abs(u)) * np.sign(u),
+    "u³": lambda u: u**3,
+}
+_POWER = {"u": 1.0, "|u|": 1.0, "u²": 2.0, "u|u|": 2.0, "sgn u": 0.0, "√|u|": 0.5, "√|u| sgn u": 0.5, "u³": 3.0}
+
+
+def formulas(mismatch: Mismatch) -> list[Formula]:
+    """Products of one or two forms of the signals; the same signal is not multiplied with itself."""
+    known = common_signals(mismatch.states)
+    plain = []
+    for name, (values, unit) in known.items():
+        signed = bool(values.min() < 0 < values.max())
+        forms = ("sgn u",) if name.startswith("held") else (tuple(FORMS) if signed else ("u", "u²", "√|u|", "u³"))
+        if set(np.unique(values[:: max(1, len(values) // 2000)])) <= {0.0, 1.0}:
+            forms = ("u",)
+        plain += [(name, f, unit) for f in forms if name != "uptime"]
+    out = [Formula(((n, f),), _unit([(u, f)])) for n, f, u in plain]
+    for (n1, f1, u1), (n2, f2, u2) in itertools.combinations(plain, 2):
+        if n1 != n2 and _POWER[f1] + _POWER[f2] <= 3:
+            out.append(Formula(((n1, f1), (n2, f2)), _unit([(u1, f1), (u2, f2)])))
+    return out
+
+
+def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
+    """Curves over each signal and surfaces over each pair, knots at quantiles."""
+    known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n != "uptime"}
+    ready = {}
+    for name, values in known.items():
+        split = name.split("_")[0] in _SIGNED and bool(values.min() < 0 < values.max()) or name.startswith("f_")
+        knots = _knots(values[mismatch.usable], count)
+        if len(knots) >= 2:
+            ready[name] = (knots, split and bool(values.min() < 0 < values.max()))
+    singles = [Surface((n,), (k,), (s,)) for n, (k, s) in ready.items()]
+    pairs = [
+        Surface((n, m), (ready[n][0], ready[m][0]), (ready[n][1], ready[m][1]))
+        for n, m in itertools.combinations(ready, 2)
+    ]
+    return [*singles, *pairs]
+
+
+def _knots(values: Float1D, count: int) -> tuple[float, ...]:
+    low, high = np.quantile(values, [0.002, 0.998])
+    inner = np.quantile(values, np.linspace(0.05, 0.95, count - 2))
+    return tuple(float(k) for k in np.unique(np.round(np.r_[low, inner, high], 9)))
+
+
+def _width(knots: Sequence[float], split: bool) -> int:
+    return len(_sides(np.asarray(knots), split)[0]) + len(_sides(np.asarray(knots), split)[1])
+
+
+def _sides(knots: Float1D, split: bool) -> tuple[Float1D, Float1D]:
+    if not split:
+        return np.zeros(0), knots
+    scale = 0.02 * np.abs(knots).max()
+    return np.r_[knots[knots < -scale], 0.0], np.r_[0.0, knots[knots > scale]]
+
+
+def _hats(u: Float1D, knots: Float1D, split: bool) -> Float2D:
+    left, right = _sides(knots, split)
+    if not len(left):
+        return _hat_rows(u, right)
+    below = (u < 0)[:, None]
+    return np.column_stack([_hat_rows(u, left) * below, _hat_rows(u, right) * ~below])
+
+
+def _hat_rows(u: Float1D, knots: Float1D) -> Float2D:
+    if len(knots) == 1:
+        return np.ones((len(u), 1))
+    u = np.clip(u, knots[0], knots[-1])
+    at = np.clip(np.searchsorted(knots, u, side="right") - 1, 0, len(knots) - 2)
+    share = (u - knots[at]) / (knots[at + 1] - knots[at])
+    out = np.zeros((len(u), len(knots)))
+    rows = np.arange(len(u))
+    out[rows, at] = 1 - share
+    out[rows, at + 1] = share
+    return out
+
+
+def _three_folds(mismatch: Mismatch, rows: Any) -> Any:
+    fold = mismatch.fold[rows]
+    return fold % 3 if len(np.unique(fold)) > 3 else fold
+
+
+def _unit(factors: Sequence[tuple[str, str]]) -> str:
+    parts = []
+    for unit, form in factors:
+        power = _POWER[form]
+        if unit == "–" or power == 0:
+            continue
+        parts.append(f"({unit})" if power == 1 else f"({unit})^{power:g}")
+    return "·".join(parts) or "–"
+
+
+def _written(signal: str, form: str) -> str:
+    return form.replace("sgn u", f"sgn({signal})").replace("|u|", f"|{signal}|").replace("u", signal, 1) if (
+        form not in ("u|u|", "√|u| sgn u")
+    ) else (f"{signal}·|{signal}|" if form == "u|u|" else f"√|{signal}|·sgn({signal})")
