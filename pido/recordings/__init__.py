@@ -1,0 +1,62 @@
+"""Files to `Recording`: one module per format, found by what a file holds, not by what it is called.
+
+In:  a path: a file of a control or a published data set, or a part folder.
+Out: a `Recording` in the contract's columns. What was converted or guessed on the way stands in its notes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pido.core.errors import RecordingError
+from pido.core.recording import Recording
+from pido.recordings import emps, folder, hfdata, published, sinumerik, smart_mill
+from pido.recordings.derive import with_motion
+from pido.recordings.reader import Reader
+from pido.recordings.resample import resample
+
+READERS: tuple[Reader, ...] = (
+    folder.READER,
+    sinumerik.READER,
+    hfdata.READER,
+    smart_mill.READER,
+    published.READER,
+    emps.READER,
+)
+
+
+def recognise(path: Path) -> Reader:
+    """The reader of this file or folder. Raises RecordingError where there is nothing, or nothing known."""
+    path = Path(path)
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder.")
+    if path.is_dir() and not any(path.iterdir()):
+        raise RecordingError(f"{path}: the folder is empty. Put recording.parquet and part.json into it.")
+    if path.is_file() and path.stat().st_size == 0:
+        raise RecordingError(f"{path}: the file is empty. Export the recording again.")
+    for reader in READERS:
+        if reader.recognises(path):
+            return reader
+    known = "\n".join(f"  {reader.name}: {reader.layout}" for reader in READERS)
+    raise RecordingError(f"{path}: not a recording that is known here. Known are:\n{known}")
+
+
+def read_recording(
+    path: Path,
+    *,
+    machine: str | None = None,
+    channels: Mapping[str, str] | None = None,
+    rate_hz: float | None = None,
+) -> Recording:
+    """One part's recording.
+
+    machine : identifier for recordings that do not name theirs
+    channels : axis of the contract -> axis name in the control's header, e.g. {"sp": "S1"}; defaults in `signals`
+    rate_hz : resample to this lower rate (anti-aliased); None keeps every sample
+
+    Velocities and accelerations that were not recorded are derived (`derive.with_motion`), and a note says so.
+    Raises RecordingError (unreadable, incomplete) or SettingsError (part.json).
+    """
+    recording = with_motion(recognise(path).read(Path(path), machine, channels or {}))
+    return recording if rate_hz is None else resample(recording, rate_hz)

@@ -1,0 +1,120 @@
+"""Our own part folder: recording.parquet in the contract's columns, part.json beside it.
+
+In:  the folder. Out: a Recording; and the other way round (`write_folder`).
+A missing or misspelt key of part.json is refused by name; columns without a place in the contract are kept where they
+are numbers and named in a note (`check` refuses them for the store).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import orjson
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import ValidationError
+
+from pido.core.arrays import Array1D
+from pido.core.columns import ALIASES, UNITS
+from pido.core.errors import RecordingError, SettingsError
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.recordings.reader import Reader, head
+
+DATA, ABOUT = "recording.parquet", "part.json"
+
+
+def _recognises(path: Path) -> bool:
+    if path.is_dir():
+        return (path / DATA).exists() or (path / ABOUT).exists()
+    return path.name == DATA or head(path, 4) == b"PAR1" or path.suffix.lower() == ".parquet"
+
+
+def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
+    data = path / DATA if path.is_dir() else path
+    about = data.with_name(ABOUT)
+    if not data.exists():
+        raise RecordingError(f"{path}: has {ABOUT} but no {DATA}. Copy the whole folder.")
+    if about.exists():
+        part = read_part(about)
+    elif path.is_dir():
+        raise SettingsError(f"{path}: has no {ABOUT}. Write one with at least 'part' and 'machine'.")
+    else:
+        part = PartInfo(part=data.stem, machine=machine or "unknown")
+    columns, unknown = read_columns(data)
+    notes = (f"columns that the contract does not know: {', '.join(unknown)}",) if unknown else ()
+    return Recording(part=part, columns=columns, notes=notes)
+
+
+def read_part(path: Path) -> PartInfo:
+    """`part.json`. Raises SettingsError with every fault and its place."""
+    try:
+        return PartInfo.model_validate(orjson.loads(path.read_bytes()))
+    except orjson.JSONDecodeError as error:
+        raise SettingsError(f"{path}: not JSON: {error}. Correct it or write it again.") from None
+    except ValidationError as error:
+        faults = "\n".join(f"  {'.'.join(map(str, e['loc'])) or '(top)'}: {e['msg']}" for e in error.errors())
+        raise SettingsError(
+            f"{path}: {error.error_count()} fault(s); the known keys are {', '.join(PartInfo.model_fields)}:\n{faults}"
+        ) from None
+
+
+def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
+    """(columns under their contract names, names that the contract does not know) of a Parquet file."""
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
+        raise RecordingError(
+            f"{path}: damaged or cut off, not readable as Parquet: {str(error).splitlines()[0]} Copy it again."
+        ) from None
+    if table.num_rows == 0:
+        raise RecordingError(f"{path}: holds no samples. Export the recording again.")
+    names = [ALIASES.get(name, name) for name in table.column_names]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise RecordingError(f"{path}: column(s) {', '.join(twice)} stand in it twice. Export the recording again.")
+    columns: dict[str, Array1D] = {}
+    unknown = [name for name in names if name not in UNITS and not name.startswith("__index")]
+    for name, field in zip(names, table.schema, strict=True):
+        if name.startswith("__index"):
+            continue
+        if (pa.types.is_string(field.type) or pa.types.is_large_string(field.type)) and name != "tool_id":
+            if name in UNITS:
+                raise RecordingError(f"{path}: column '{name}' holds text; it must be numbers in {UNITS[name]}.")
+            continue
+        values = table.column(field.name)
+        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
+            columns[name] = np.asarray(values.to_pylist(), dtype=object)
+            continue
+        try:
+            columns[name] = np.array(values.cast(pa.float64()).to_numpy(), dtype=float)
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            raise RecordingError(f"{path}: column '{name}' is {field.type}; it must be numbers.") from None
+    return columns, unknown
+
+
+def write_columns(recording: Recording, path: Path) -> None:
+    """The columns as Parquet, float64, in their order."""
+    arrays = {
+        name: pa.array(values, type=pa.string()) if values.dtype == object else pa.array(np.asarray(values, float))
+        for name, values in recording.columns.items()
+    }
+    pq.write_table(pa.table(arrays), path, compression="zstd")
+
+
+def write_folder(recording: Recording, path: Path) -> Path:
+    """A part folder that reads back as the same recording."""
+    path.mkdir(parents=True, exist_ok=True)
+    write_columns(recording, path / DATA)
+    about = recording.part.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    (path / ABOUT).write_bytes(orjson.dumps(about, option=orjson.OPT_INDENT_2))
+    return path
+
+
+READER = Reader(
+    name="part folder",
+    layout=f"a folder with {DATA} and {ABOUT}",
+    recognises=_recognises,
+    read=_read,
+)

@@ -1,0 +1,251 @@
+"""Captures of a SINUMERIK control, as its Edge app writes them: JSON with header, payload and footer.
+
+In:  one .json file. The header lists the signals of HFData rows; the payload is a list of messages in any order.
+Out: a Recording: positions and currents of the axes by their header names, `nc_line` (number of the NC block in
+     order of first appearance) and `tool_id` from HFBlockEvent, time from the sample counter.
+
+Messages are read one line at a time, so that never more than one message exists as Python numbers; where a file is
+laid out otherwise it is read whole. Unknown keys of the payload are counted and noted, not refused.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+
+from pido.core.arrays import Float1D, Float2D
+from pido.core.errors import RecordingError
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.recordings.reader import Reader, head
+from pido.recordings.signals import block_index, hold, wanted_signals
+
+_USED = {"HFData", "HFBlockEvent", "HFTimestamp"}
+_KNOWN = _USED | {"HFCallEvent", "LFData", "ExternalData"}
+
+
+def _recognises(path: Path) -> bool:
+    start = head(path)
+    return (
+        path.is_file()
+        and start.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
+        and (b'"Header"' in start or b'"Payload"' in start or b'"SignalListHFData"' in start)
+    )
+
+
+def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
+    header, messages = _open(path)
+    signals = _signal_list(header, path)
+    counter_at = next((i for i, s in enumerate(signals) if s.upper() == "CYCLE"), None)
+    if counter_at is None:
+        raise RecordingError(f"{path}: the signal list has no CYCLE; without the sample counter there is no time base.")
+    columns, notes = wanted_signals({n: a for n, a in signals.items() if n.upper() != "CYCLE"}, channels, path)
+    names = list(signals)
+    take = itemgetter(counter_at, *(names.index(signal) for signal in columns.values()))
+    blocks: list[Float2D] = []
+    events: dict[str, list[dict[str, Any]]] = {"HFBlockEvent": [], "HFTimestamp": []}
+    unknown: Counter[str] = Counter()
+    for message in messages:
+        for group, content in message.items():
+            if group == "HFData":
+                blocks.append(_rows(content, take, len(names), path))
+            elif group in events:
+                events[group].extend(content if isinstance(content, list) else [content])
+            elif group not in _KNOWN:
+                unknown[group] += 1
+    if not blocks:
+        raise RecordingError(f"{path}: the payload has no HFData; there is nothing recorded in it.")
+    table = np.concatenate(blocks)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    table, repeated = _without_repeats(table)
+    cycle_s, start_s, clock_notes = _clock(header, events["HFTimestamp"], float(table[0, 0]), path)
+    data: dict[str, Any] = {"time": (table[:, 0] - table[0, 0]) * cycle_s}
+    data |= {name: np.ascontiguousarray(table[:, i + 1]) for i, name in enumerate(columns)}
+    data |= _program(events["HFBlockEvent"], table[:, 0])
+    found = [f"payload key '{key}' is not known and was left out ({n} times)" for key, n in unknown.items()]
+    if repeated:
+        found.append(f"{repeated} HFData rows came twice and were taken once")
+    part = PartInfo(part=path.stem, machine=machine or _machine(header), start_time_s=start_s)
+    return Recording(part=part, columns=data, notes=(*notes, *clock_notes, *found))
+
+
+def _open(path: Path) -> tuple[dict[str, Any], Iterator[dict[str, Any]]]:
+    """(header, messages). The line-wise way where the file has one message per line."""
+    data = path.read_bytes()
+    if data.startswith(b"\xef\xbb\xbf"):
+        data = data[3:]
+    key = data.find(b'"Payload"')
+    begin = data.find(b"[", key)
+    if key > 0 and begin > 0 and data[key + 9 : begin].strip() == b":":
+        try:
+            front = orjson.loads(data[:key].rstrip().rstrip(b",") + b"}")
+        except orjson.JSONDecodeError:
+            front = {}
+        first_end = data.find(b"\n", begin + 1)
+        first = data[begin + 1 : first_end].strip() or data[first_end : data.find(b"\n", first_end + 1)].strip()
+        if "Header" in front and first.startswith(b"{") and first.rstrip(b",]").endswith(b"}"):
+            return front["Header"], _lines(data, begin + 1, path)
+    whole = _whole(data, path)
+    if not isinstance(whole, dict) or "Header" not in whole or not isinstance(whole.get("Payload"), list):
+        raise RecordingError(
+            f"{path}: a capture has 'Header' and a list 'Payload'; this JSON has not. Export it again."
+        )
+    return whole["Header"], iter(whole["Payload"])
+
+
+def _whole(data: bytes, path: Path) -> Any:
+    try:
+        return orjson.loads(data)
+    except orjson.JSONDecodeError as error:
+        raise RecordingError(
+            f"{path}: the JSON is damaged or cut off at line {error.lineno}, column {error.colno} "
+            f"(of {len(data)} bytes): {error.msg}. Copy or export the capture again."
+        ) from None
+
+
+def _lines(data: bytes, begin: int, path: Path) -> Iterator[dict[str, Any]]:
+    """The messages after the opening bracket of the payload, one per line."""
+    end = len(data)
+    while begin < end:
+        stop = data.find(b"\n", begin)
+        stop = end if stop < 0 else stop
+        line = data[begin:stop].strip()
+        begin = stop + 1
+        if not line or line == b",":
+            continue
+        if line.startswith(b"]"):
+            return
+        try:
+            message = orjson.loads(line.rstrip(b","))
+            last = False
+        except orjson.JSONDecodeError:
+            last = line.rstrip(b" ,").endswith(b"]")
+            if not last:
+                message = None
+            else:
+                try:
+                    message = orjson.loads(line.rstrip(b" ,")[:-1])
+                except orjson.JSONDecodeError:
+                    message = None
+        if not isinstance(message, dict):
+            # Not one message per line after all, or cut off: the parser of the whole file knows which and where.
+            _whole(data, path)
+            raise RecordingError(f"{path}: a message of the payload is spread over lines; format it one per line.")
+        yield message
+        if last:
+            return
+    _whole(data, path)
+
+
+def _signal_list(header: Mapping[str, Any], path: Path) -> dict[str, str]:
+    """Signal -> axis name, in the order of the columns of HFData."""
+    try:
+        signals = {s["Name"]: str(s.get("Axis", "")) for s in header["SignalListHFData"]}
+    except (KeyError, TypeError):
+        raise RecordingError(
+            f"{path}: the header has no usable SignalListHFData, so nothing says what the columns are. Export it again."
+        ) from None
+    if len(signals) != len(header["SignalListHFData"]):
+        raise RecordingError(f"{path}: SignalListHFData names a signal twice; its columns cannot be told apart.")
+    return signals
+
+
+def _rows(content: Any, take: itemgetter[Any], width: int, path: Path) -> Float2D:
+    if not isinstance(content, list) or not all(isinstance(row, list) for row in content[:1]):
+        raise RecordingError(f"{path}: HFData is not a list of rows.")
+    try:
+        if any(len(row) != width for row in content):
+            raise IndexError
+        return np.array([take(row) for row in content], dtype=float).reshape(len(content), -1)
+    except (IndexError, TypeError, ValueError):
+        bad = next((r for r in content if not isinstance(r, list) or len(r) != width), content[0])
+        at = bad[0] if isinstance(bad, list) and bad else "?"
+        raise RecordingError(
+            f"{path}: an HFData row near CYCLE {at} has not {width} numbers as the signal list says. Export it again."
+        ) from None
+
+
+def _without_repeats(table: Float2D) -> tuple[Float2D, int]:
+    """Rows whose counter and values are those of the row before are one row sent twice."""
+    again = np.zeros(len(table), bool)
+    again[1:] = (table[1:] == table[:-1]).all(axis=1)
+    return table[~again], int(again.sum())
+
+
+def _seconds(text: object) -> float:
+    return datetime.fromisoformat(str(text).replace("Z", "+00:00")).timestamp()
+
+
+def _clock(
+    header: Mapping[str, Any], stamps: list[dict[str, Any]], first: float, path: Path
+) -> tuple[float, float | None, list[str]]:
+    """(seconds per count, clock at the first sample, notes).
+
+    The counter is the time base; the time stamps tie it to the clock, give its rate where the header does not, and are
+    compared with it: they jitter by tens of milliseconds, but a jump of the clock against the counter is noted.
+    """
+    notes: list[str] = []
+    try:
+        marks = [(float(s["HFProbeCounter"]), _seconds(s["Time"])) for s in (header.get("Initial"), *stamps) if s]
+    except (KeyError, TypeError, ValueError):
+        raise RecordingError(
+            f"{path}: an HFTimestamp has no readable Time and HFProbeCounter. Export it again."
+        ) from None
+    counter, clock = np.array(marks, float).reshape(-1, 2).T
+    cycle = header.get("CycleTimeMs")
+    if cycle:
+        cycle_s = float(cycle) / 1000
+    elif len(marks) > 1:
+        steps = np.diff(counter) > 0
+        cycle_s = round(float(np.median(np.diff(clock)[steps] / np.diff(counter)[steps])), 6)
+        notes.append(f"the header has no CycleTimeMs; the time stamps give {cycle_s * 1000:g} ms")
+    else:
+        cycle_s = 0.002
+        notes.append("neither CycleTimeMs nor time stamps: 2 ms per sample were assumed")
+    if not marks:
+        return cycle_s, None, notes
+    offset = clock - counter * cycle_s
+    spread = float(np.ptp(offset))
+    if spread > 0.1:
+        worst = int(np.argmax(np.abs(np.diff(offset))))
+        notes.append(
+            f"HFTimestamp jumps by {offset[worst + 1] - offset[worst]:+.2f} s against the sample counter at count "
+            f"{counter[worst + 1]:.0f}; time is the counter's"
+        )
+    return cycle_s, float(offset[0] + first * cycle_s), notes
+
+
+def _program(events: list[dict[str, Any]], counter: Float1D) -> dict[str, Float1D]:
+    """`nc_line` and `tool_id` of each sample, from the block events at or before it."""
+    events = [e for e in events if e.get("HFProbeCounter") is not None]
+    if not events:
+        return {}
+    at = [float(e["HFProbeCounter"]) for e in events]
+    order = sorted(range(len(events)), key=at.__getitem__)
+    events, at = [events[i] for i in order], [at[i] for i in order]
+    numbers = block_index((e.get("SeekOffset"), e.get("GCode")) for e in events)
+    columns = {"nc_line": hold(at, [float(n) for n in numbers], counter)}
+    tools = [(a, float(e["ActiveTool"])) for a, e in zip(at, events, strict=True) if e.get("ActiveTool") is not None]
+    if tools:
+        columns["tool_id"] = hold([a for a, _ in tools], [tool for _, tool in tools], counter)
+    return columns
+
+
+def _machine(header: Mapping[str, Any]) -> str:
+    info = header.get("MachineInfo") or {}
+    return str(info.get("MachineName") or "sinumerik")
+
+
+READER = Reader(
+    name="SINUMERIK Edge capture",
+    layout="a .json file with Header (SignalListHFData) and Payload",
+    recognises=_recognises,
+    read=_read,
+)

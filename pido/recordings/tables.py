@@ -1,0 +1,36 @@
+"""CSV files by column: only what is needed is parsed.
+
+In:  a path and the columns wanted. Out: float64 arrays; an empty cell is NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pc
+
+from pido.core.arrays import Array1D
+from pido.core.errors import RecordingError
+
+
+def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> dict[str, Array1D]:
+    """`columns` as float64 (n,), `text` as objects. Raises RecordingError naming line or column of the first fault."""
+    columns, text = list(columns), list(text)
+    types = {**dict.fromkeys(columns, pa.float64()), **dict.fromkeys(text, pa.string())}
+    try:
+        table = pc.read_csv(
+            path,
+            convert_options=pc.ConvertOptions(
+                include_columns=columns + text,
+                column_types=types,
+                null_values=["", "NA", "NaN", "nan", "null", "None"],
+            ),
+        )
+    except (pa.ArrowInvalid, pa.ArrowKeyError) as error:
+        raise RecordingError(f"{path}: cannot be read as CSV: {error}. Export the recording again.") from None
+    if table.num_rows == 0:
+        raise RecordingError(f"{path}: the file has column names but no rows. Export the recording again.")
+    return {name: np.array(table.column(name).to_numpy()) for name in columns + text}
