@@ -1,0 +1,109 @@
+"""A part through one iteration under Prefect: the path of `pido iterate`, one task per stage.
+
+In:  a workspace and the path of what arrived. Out: a run whose tasks, retries and artifact are on Prefect's pages; the
+result itself is in the workspace, bit for bit the one of the plain call. Paths and digests are handed on, never data.
+
+One run per machine at a time is held by the workspace's own lock, which the kernel frees when a run is killed. A stage
+that failed for want of a disk or a server is tried again; input that cannot be used is not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from prefect import flow, get_run_logger, task
+from prefect.artifacts import create_markdown_artifact
+from prefect.cache_policies import NO_CACHE
+
+from pido import production
+from pido.core.errors import PidoError
+from pido.tracking.figures import table
+from pido.workspace import Workspace
+
+
+def _worth_another_try(task: Any, run: Any, state: Any) -> bool:
+    """Whether a failed stage may succeed when it is done again: not for input, settings or decisions."""
+    failure = state.result(raise_on_failure=False)
+    return not isinstance(failure, PidoError)
+
+
+_STAGE: dict[str, Any] = {
+    "retries": 2,
+    "retry_delay_seconds": [1, 5],
+    "retry_condition_fn": _worth_another_try,
+    "cache_policy": NO_CACHE,
+    "persist_result": False,
+}
+
+ingest = task(name="ingest", **_STAGE)(production.ingest)
+begin = task(name="plan", **_STAGE)(production.begin)
+bins = task(name="relevant bins", **_STAGE)(production.bins)
+refit = task(name="refit", **_STAGE)(production.refit)
+balance = task(name="PiA and PiE", **_STAGE)(production.balance)
+retrain = task(name="retrain", **_STAGE)(production.retrain)
+evaluate = task(name="evaluate", **_STAGE)(production.evaluate)
+publish = task(name="publish", **_STAGE)(production.publish)
+log = task(name="log", **_STAGE)(production.log)
+
+
+@flow(name="new-part", flow_run_name="{path}", persist_result=False)
+def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str, Any]:
+    """One arrival: taken in, or rejected with its reason; then one iteration. Known parts end at once."""
+    try:
+        arrived = ingest(workspace, path, machine)
+    except PidoError as error:
+        production.reject(Workspace.open(workspace), Path(path), str(error))
+        raise
+    outcome = iteration(workspace, arrived["machine"], arrived["part"])
+    production.put_away(Workspace.open(workspace), Path(path))
+    return outcome
+
+
+@flow(name="retrain", flow_run_name="retrain {machine}", persist_result=False)
+def retrain_machine(workspace: str, machine: str) -> dict[str, Any]:
+    """Bring a machine's challenger up to its parts and settings, also when nothing arrived."""
+    return iteration(workspace, machine, None)
+
+
+@flow(name="nightly", persist_result=False)
+def nightly(workspace: str) -> list[dict[str, Any]]:
+    """Every machine of the workspace once, and whatever MLflow has not got yet."""
+    outcomes = [iteration(workspace, m, None) for m in production.machines(workspace)]
+    log(workspace)
+    return outcomes
+
+
+def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
+    """The stages of one iteration, inside the machine's lock."""
+    logger = get_run_logger()
+    with Workspace.open(workspace).lock(machine):
+        key = begin(workspace, machine, part)
+        if production.done(workspace, key):
+            logger.info("nothing new: this state is known")
+        else:
+            bins(workspace, key)
+            refit(workspace, key)
+            balance(workspace, key)
+            retrain(workspace, key)
+            evaluate(workspace, key)
+            publish(workspace, key)
+        log(workspace)
+    outcome = production.outcome(workspace, key)
+    create_markdown_artifact(key="iteration", markdown=_page(outcome), description=outcome["part"]["name"])
+    return {"machine": machine, "part": outcome["part"]["name"], "version": outcome["version"], "run_key": key}
+
+
+def _page(outcome: dict[str, Any]) -> str:
+    name = outcome["part"]["name"].replace("|", " ").replace("<", "&lt;")
+    lines = [
+        f"# {name}: version {outcome['version']}",
+        "",
+        outcome["gate"]["words"],
+        "",
+        "| axis | trained on | RMSE in A | R² |",
+        "|---|---|---|---|",
+    ]
+    for row in table(outcome["metrics"]):
+        lines.append(f"| {row['axis']} | {row['trained on']} | {row['rmse']:.4g} | {row['r2']:.3f} |")
+    return "\n".join(lines)

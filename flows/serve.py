@@ -1,0 +1,54 @@
+"""The worker: one process that serves the flows of a workspace - arrivals, nightly retraining, promotion.
+
+In:  a workspace, and `PREFECT_API_URL`. Out: runs, each in a process of its own, at most two at a time (a second
+machine need not wait for the first; runs of one machine wait for each other at the workspace's lock).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from pathlib import Path
+
+import click
+from prefect import serve
+
+from flows.new_part import new_part, nightly, retrain_machine
+from flows.promote import promote
+from pido.workspace import Workspace
+
+BEAT_S = 15.0
+
+
+@click.command()
+@click.option("--workspace", "folder", type=click.Path(file_okay=False, path_type=Path), required=True)
+def main(folder: Path) -> None:
+    """Serve the flows of one workspace until stopped.
+
+    \b
+    PREFECT_API_URL=http://127.0.0.1:4200/api python -m flows.serve --workspace plant
+    """
+    workspace = Workspace.open(folder)
+    place = str(workspace.root)
+    threading.Thread(target=_beat, args=(workspace.root / "worker.alive",), daemon=True).start()
+    serve(
+        new_part.to_deployment("arrivals", parameters={"workspace": place}),
+        retrain_machine.to_deployment("on-request", parameters={"workspace": place}),
+        nightly.to_deployment(
+            "nightly", parameters={"workspace": place}, cron=os.environ.get("PIDO_NIGHTLY", "0 3 * * *")
+        ),
+        promote.to_deployment("approval", parameters={"workspace": place}),
+        limit=2,
+    )
+
+
+def _beat(path: Path) -> None:
+    """A sign of life for health checks."""
+    while True:
+        path.touch()
+        time.sleep(BEAT_S)
+
+
+if __name__ == "__main__":
+    main()

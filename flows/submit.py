@@ -1,0 +1,70 @@
+"""From the watcher to Prefect: one run per arrival, asked for again when a run was lost.
+
+In:  what has arrived, by digest. Out: a flow run, or none where one is waiting or running already; dead runs put right.
+
+The ledger decides whether an arrival still has to be done; a run is only how. A run that says Running while no process
+holds its machine's lock and no heartbeat came is dead (worker and run killed together): it is set to Crashed here.
+"""
+
+from __future__ import annotations
+
+import logging
+from datetime import UTC, datetime, timedelta
+from uuid import NAMESPACE_URL, uuid5
+
+from prefect.client.orchestration import get_client
+from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterState, FlowRunFilterStateType, FlowRunFilterTags
+from prefect.client.schemas.objects import FlowRun, StateType
+from prefect.deployments import run_deployment
+from prefect.events import emit_event
+from prefect.states import Crashed
+
+log = logging.getLogger(__name__)
+DEPLOYMENT = "new-part/arrivals"
+LIVE = [StateType.SCHEDULED, StateType.PENDING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
+SILENT = timedelta(seconds=100)
+
+
+def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
+    """Ask for a run for this arrival, unless one is waiting or running. Returns whether one was asked for."""
+    tag = f"arrival:{digest[:16]}"
+    if _runs(tag):
+        return False
+    run_deployment(
+        DEPLOYMENT, parameters={"workspace": workspace, "path": path, "machine": machine}, tags=[tag], timeout=0
+    )
+    emit_event(
+        "pido.part.arrived",
+        resource={"prefect.resource.id": f"pido.arrival.{digest[:16]}"},
+        payload={"workspace": workspace, "path": path},
+        id=uuid5(NAMESPACE_URL, digest),
+    )
+    log.info("asked Prefect to run %s (%s)", path, tag)
+    return True
+
+
+def sweep(alive: set[str]) -> int:
+    """Set runs to Crashed that say Running but have no process. `alive`: ids of runs whose process is there.
+
+    Returns how many. A run that has just started is left alone for a while.
+    """
+    dead = 0
+    with get_client(sync_client=True) as client:
+        for run in _runs(None, [StateType.RUNNING], client):
+            started = run.start_time or run.expected_start_time or datetime.now(UTC)
+            if str(run.id) not in alive and datetime.now(UTC) - started > SILENT:
+                client.set_flow_run_state(run.id, Crashed(message="its process is gone"), force=True)
+                log.warning("run %s of %s had no process any more: set to Crashed", run.name, run.id)
+                dead += 1
+    return dead
+
+
+def _runs(tag: str | None, states: list[StateType] = LIVE, client=None) -> list[FlowRun]:
+    wanted = FlowRunFilter(
+        tags=FlowRunFilterTags(all_=[tag]) if tag else None,
+        state=FlowRunFilterState(type=FlowRunFilterStateType(any_=states)),
+    )
+    if client is not None:
+        return client.read_flow_runs(flow_run_filter=wanted)
+    with get_client(sync_client=True) as own:
+        return own.read_flow_runs(flow_run_filter=wanted)
