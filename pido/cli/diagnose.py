@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 @click.option(
     "--pair",
     metavar="RECORDED:SIMULATED",
+    callback=_two_columns,
     help="compare these two columns instead of curr_<axis> and curr_<axis>_sim",
 )
 @click.option("--machine", help="name of the machine's settings (ranges and dead bands)")
@@ -46,11 +47,10 @@ def command(
     from pido.reports.page import write_page
 
     recordings = [read_recording(part) for part in parts]
-    columns = _pair(pair)
     with Progress("diagnosing") as progress:
         result = diagnose(
             recordings,
-            pair=columns,
+            pair=pair,
             machine=machine_settings(machine) if machine else None,
             seed=seed,
             on_progress=progress,
@@ -79,10 +79,7 @@ def summary(result: Diagnosis) -> list[str]:
     return lines
 
 
-def _pair(pair: str | None) -> tuple[str, str] | None:
-    if pair is None:
-        return None
-    recorded, _, simulated = pair.partition(":")
-    if not recorded or not simulated:
-        raise click.BadParameter("give two column names, RECORDED:SIMULATED", param_hint="--pair")
-    return recorded, simulated
+def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str | None) -> str | None:
+    if pair is not None and not all(pair.partition(":")):
+        raise click.BadParameter("give two column names, RECORDED:SIMULATED")
+    return pair
