@@ -24,7 +24,7 @@ from pido.recordings.segments import counter_resets, starts, stretches, unwrap_d
 
 
 def derivative(values: Float1D, time: Float1D, begin: Bool1D) -> Float1D:
-    """(n,) per second: central differences within each stretch; NaN where a stretch has one sample, or it is missing."""
+    """(n,) per second: central differences within each stretch; NaN in a stretch of one sample, or where missing."""
     out = np.full(len(values), np.nan)
     for s in stretches(begin, np.isfinite(values)):
         if s.stop - s.start >= 2:
@@ -47,7 +47,7 @@ def second_derivative(values: Float1D, time: Float1D, begin: Bool1D) -> Float1D:
 
 
 def with_motion(recording: Recording) -> Recording:
-    """The recording with every velocity and acceleration that its positions and velocities allow; recorded ones stay."""
+    """The recording with every velocity and acceleration that its positions allow; recorded ones stay."""
     time = recording.time
     new: dict[str, Float1D] = {}
     notes: list[str] = []

@@ -12,6 +12,7 @@ fits worse by a clear margin. What stays undecided is left in file order and mar
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,10 +36,13 @@ def in_order(tracks: list[Track], rows: Float2D, step_s: float) -> tuple[Int1D, 
     moving = np.any([np.abs(t.velocity) > 0.5 * _quantum(t) / step_s for t in tracks], axis=0)
     keep, repeated = _first_of_repeated(rows, moving)
     tracks = [Track(t.position[keep], t.velocity[keep], t.period) for t in tracks]
+    notes = [f"{repeated} rows came twice while the machine moved and were taken once"] if repeated else []
+    if trusted := _trusted(tracks, step_s):
+        notes.append(f"{len(tracks) - len(trusted)} counter(s) jump while everything else is continuous; not used")
+        tracks = trusted
     before = ~_fits(tracks, np.arange(len(keep) - 1), np.arange(1, len(keep)), step_s)[0]
     edges = np.r_[0, np.flatnonzero(before) + 1, len(keep)]
-    packets = [np.arange(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    notes = [f"{repeated} rows came twice (identical while the machine moved) and were taken once"] if repeated else []
+    packets = [np.arange(a, b) for a, b in pairwise(edges)]
     if len(packets) == 1:
         return keep, np.zeros(len(keep), bool), tuple(notes)
     chains = _chain(packets, tracks, step_s)
@@ -65,6 +69,19 @@ def _first_of_repeated(rows: Float2D, moving: Bool1D) -> tuple[Int1D, int]:
     is_first[first] = True
     keep = np.flatnonzero(is_first | ~moving)
     return keep, len(rows) - len(keep)
+
+
+def _trusted(tracks: list[Track], step_s: float) -> list[Track]:
+    """The tracks without counters that jump on their own: packets move all tracks. Empty if there is none such."""
+    n = len(tracks[0].position)
+    broken = [~_fits([t], np.arange(n - 1), np.arange(1, n), step_s)[0] for t in tracks]
+    alone = []
+    for k, t in enumerate(tracks):
+        others = np.any([b for j, b in enumerate(broken) if j != k], axis=0)
+        alone.append(
+            t.period is not None and broken[k].sum() > 10 and (broken[k] & ~others).sum() > 0.8 * broken[k].sum()
+        )
+    return [t for t, bad in zip(tracks, alone, strict=True) if not bad] if any(alone) else []
 
 
 def _quantum(track: Track) -> Float1D:

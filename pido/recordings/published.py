@@ -1,4 +1,4 @@
-"""The published 50 Hz milling files (KIT, doi 10.5445/IR/1000157789 and its follow-up): a CSV with the contract's names.
+"""The published 50 Hz milling files (KIT, doi 10.5445/IR/1000157789 and its follow-up): CSV, contract's names.
 
 In:  a .csv with curr_<axis> and pos_ or v_ columns, with or without `time`.
 Out: a Recording. Without `time`, rows are 20 ms apart, as their publisher says.

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import firwin, kaiserord, oaconvolve
 
-from pido.core.arrays import Bool1D, Float1D
+from pido.core.arrays import Bool1D, Float1D, Int1D
 from pido.core.columns import TIME
 from pido.core.errors import RecordingError
 from pido.core.recording import Recording
@@ -63,11 +63,11 @@ def resample(recording: Recording, rate_hz: float) -> Recording:
 def _low_pass(source_hz: float, rate_hz: float) -> Float1D:
     edges = 0.36 * rate_hz, min(0.64 * rate_hz, 0.5 * source_hz)
     count, beta = kaiserord(60.0, (edges[1] - edges[0]) / (0.5 * source_hz))
-    return firwin(count | 1, sum(edges) / 2, window=("kaiser", beta), fs=source_hz)
+    return np.asarray(firwin(count | 1, sum(edges) / 2, window=("kaiser", beta), fs=source_hz), dtype=float)  # pyright: ignore[reportArgumentType]
 
 
 def _filtered(
-    name: str, values: Float1D, time: Float1D, begin: Bool1D, new_time: Float1D, nearest: Float1D, taps: Float1D
+    name: str, values: Float1D, time: Float1D, begin: Bool1D, new_time: Float1D, nearest: Int1D, taps: Float1D
 ) -> Float1D:
     """One column at the new times; a new sample whose nearest old one is missing is missing."""
     if name == "pos_sp":
@@ -83,6 +83,6 @@ def _filtered(
     return out
 
 
-def _nearest(time: Float1D, new_time: Float1D) -> Float1D:
+def _nearest(time: Float1D, new_time: Float1D) -> Int1D:
     right = np.clip(np.searchsorted(time, new_time), 1, len(time) - 1)
     return np.where(new_time - time[right - 1] <= time[right] - new_time, right - 1, right)

@@ -6,6 +6,7 @@ In:  time and, for the spindle, its position. Out: where a new stretch begins.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def stretches(begin: Bool1D, valid: Bool1D | None = None) -> Iterator[slice]:
     """Slices of consecutive samples without a beginning inside, of valid samples only."""
     if valid is None:
         edges = np.r_[np.flatnonzero(begin), len(begin)]
-        yield from (slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        yield from (slice(int(a), int(b)) for a, b in pairwise(edges))
         return
     first = valid & (begin | ~np.r_[False, valid[:-1]])
     last = valid & (np.r_[begin[1:], True] | ~np.r_[valid[1:], False])

@@ -1,0 +1,96 @@
+"""`pido ingest`: read recordings, check them, keep what can be used and set the rest aside with the reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--store", "root", required=True, type=click.Path(path_type=Path, file_okay=False), help="the store")
+@click.option("--machine", help="machine of recordings that do not name theirs; its ranges bound what is possible")
+@click.option("--settings", type=click.Path(path_type=Path, dir_okay=False, exists=True), help="TOML with own machines")
+@click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), help="resample to this rate, Hz")
+@click.option("--cutting", is_flag=True, help="refuse recordings in which the simulated tool never cuts")
+@click.option("--keep", is_flag=True, help="leave rejected files where they are; the reason goes beside the store only")
+@click.option("--json", "as_json", is_flag=True, help="one JSON object per recording, one per line")
+def command(
+    paths: tuple[Path, ...],
+    root: Path,
+    machine: str | None,
+    settings: Path | None,
+    rate_hz: float | None,
+    cutting: bool,
+    keep: bool,
+    as_json: bool,
+) -> None:
+    """Read recordings, check them, and keep them in the store.
+
+    PATH is a part folder (recording.parquet, part.json) or a file of any known format. All faults of a recording are
+    listed. One that cannot be used is moved to STORE/rejected with the reason beside it, and the exit code is 1; the
+    others are kept all the same.
+
+    \b
+    pido ingest parts/p01 capture.json --store plant/store
+    pido ingest experiment_01.csv --store plant/store --machine smart_mill --keep
+    """
+    import sys
+
+    import orjson
+
+    from pido import config
+    from pido.core.errors import PidoError, StoreError
+    from pido.recordings import read_recording
+    from pido.recordings.check import check
+    from pido.recordings.faults import ERROR
+    from pido.store import Store
+
+    own = config.machine_config(machine, settings) if machine else None
+    channels = own.channels() if own else {}
+    store = Store(root)
+    failed = False
+    for path in paths:
+        faults = ()
+        entry = None
+        reason = ""
+        notes: tuple[str, ...] = ()
+        try:
+            recording = read_recording(path, machine=machine, channels=channels, rate_hz=rate_hz)
+            notes = recording.notes
+            limits = own.build(machine) if own and machine else None
+            faults = check(recording, limits, air_cut=not cutting)
+            reason = "\n".join(str(f) for f in faults if f.severity == ERROR)
+            if not reason:
+                entry = store.add(recording, source=path.name)
+        except StoreError as error:
+            reason = str(error)
+        except PidoError as error:
+            reason = str(error)
+        failed |= entry is None
+        rejected = store.reject(path, reason) if entry is None and not keep and path.exists() else None
+        state = "rejected" if entry is None else "stored" if entry.new else "known"
+        if as_json:
+            row = {
+                "path": str(path),
+                "state": state,
+                "digest": entry.digest if entry else None,
+                "part": entry.part if entry else None,
+                "samples": entry.samples if entry else None,
+                "reason": reason or None,
+                "rejected": str(rejected) if rejected else None,
+                "faults": [f.as_dict() for f in faults],
+                "notes": list(notes),
+            }
+            click.echo(orjson.dumps(row).decode())
+            continue
+        line = f"{entry.digest[:12]}  {entry.part}  {entry.samples} samples" if entry else f"{path}"
+        click.echo(f"{state:9}{line}" + (f"  -> {rejected}" if rejected else ""))
+        for note in notes:
+            click.echo(f"  note: {note}", err=True)
+        for fault in faults:
+            click.echo(f"  {fault}", err=True)
+        if entry is None and not faults:
+            click.echo(f"pido: {reason}", err=True)
+    sys.exit(1 if failed else 0)

@@ -1,0 +1,372 @@
+"""All that is wrong with a recording, at once, with where it is. Nothing is repaired here.
+
+In:  a Recording, and the machine where it is known (its ranges bound what is possible).
+Out: faults; `usable_mask` says which samples are left.
+
+Each check looks at one kind of fault and knows nothing of the others; `CHECKS` is their list.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from pido.core.arrays import Bool1D, Float1D
+from pido.core.axes import AXES, LINEAR_AXES
+from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION, TIME, UNITS, VELOCITY
+from pido.core.machining import Machine
+from pido.core.recording import Recording
+from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
+from pido.recordings.segments import GAP, counter_resets, starts, stretches, unwrap_deg
+from pido.recordings.units import unit_slips
+
+Check = Callable[[Recording, Machine | None], list[Fault]]
+
+SHORTEST = 50
+"""Samples below which nothing can be learned: one second at 50 Hz."""
+V_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 5_000.0), "sp": 600_000.0}  # mm/s; deg/s (100 000 rpm): of any mill
+A_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 100_000.0), "sp": 1_000_000.0}  # mm/s² (10 g); deg/s²: of any mill
+
+
+def check(recording: Recording, machine: Machine | None = None, *, air_cut: bool = True) -> tuple[Fault, ...]:
+    """Every fault of the recording, errors first.
+
+    machine : its ranges, where known; without it only what no mill can do is called impossible
+    air_cut : whether a recording in which the tool never cuts is welcome (it teaches friction, but nothing of cutting)
+    """
+    structural = [*_columns(recording), *_length(recording), *_time(recording)]
+    faults = [*structural]
+    if len(recording) >= 3 and not any(f.kind in {"time_missing", "time_backward"} for f in structural):
+        for one in CHECKS:
+            faults.extend(one(recording, machine))
+        if not air_cut:
+            faults.extend(_engagement(recording))
+    return tuple(sorted(faults, key=lambda f: f.severity != ERROR))
+
+
+def usable_mask(recording: Recording, faults: tuple[Fault, ...]) -> Bool1D:
+    """(n,) – samples that no fault leaves out; none where a fault is an error."""
+    usable = np.ones(len(recording), bool)
+    for fault in faults:
+        if fault.severity == ERROR:
+            usable[:] = False
+        elif fault.mask is not None:
+            usable &= ~fault.mask
+    return usable
+
+
+def _axis_columns(axis: str) -> tuple[str, ...]:
+    return (POSITION[axis], VELOCITY[axis], ACCELERATION[axis], CURRENT[axis])
+
+
+def _columns(recording: Recording) -> list[Fault]:
+    faults = []
+    present = [axis for axis in AXES if any(c in recording for c in _axis_columns(axis))]
+    if not present:
+        faults.append(whole("missing_column", "curr_x ... pos_sp", "no axis was recorded.", "Export it again.", ERROR))
+    for axis in present:
+        for column in _axis_columns(axis):
+            if column not in recording and column != POSITION["sp"]:
+                faults.append(
+                    whole(
+                        "missing_column",
+                        column,
+                        f"axis {axis} was recorded without it.",
+                        f"Export the recording again with {column} in {UNITS[column]}, or without the axis.",
+                        ERROR,
+                    )
+                )
+    for name in recording.columns:
+        if name not in UNITS:
+            near = difflib.get_close_matches(name, UNITS, 1)
+            hint = f"Did you mean '{near[0]}'? " if near else ""
+            faults.append(
+                whole("unknown_column", name, "the contract has no such column.", f"{hint}Rename or drop it.", ERROR)
+            )
+    for note in recording.notes:  # columns that are not numbers do not reach the recording
+        if note.startswith("columns that the contract does not know: "):
+            for name in note.partition(": ")[2].split(", "):
+                if name not in recording.columns:
+                    faults.append(
+                        whole("unknown_column", name, "the contract has no such column.", "Rename or drop it.", ERROR)
+                    )
+    return faults
+
+
+def _length(recording: Recording) -> list[Fault]:
+    n = len(recording)
+    if n >= SHORTEST:
+        return []
+    what = f"{n} samples are too few to learn from (at least {SHORTEST})."
+    return [whole("too_short", TIME, what, "Record the whole part.", ERROR)]
+
+
+def _time(recording: Recording) -> list[Fault]:
+    time = recording.time
+    faults = []
+    if not np.isfinite(time).all():
+        bad = ~np.isfinite(time)
+        what = "time is missing."
+        faults.append(at("time_missing", TIME, bad, np.nan_to_num(time), what, "Cut these rows out.", ERROR, mask=True))
+        return faults
+    step = np.diff(time)
+    back = np.r_[False, step < 0]
+    same = np.r_[False, step == 0]
+    advice = "Sort it at its source or export it again; rows are never put in order by their time stamps."
+    if back.any():
+        what = f"time goes backward, by up to {-step.min():.4g} s."
+        faults.append(at("time_backward", TIME, back, time, what, advice, ERROR, mask=True))
+    if same.any():
+        faults.append(at("time_repeated", TIME, same, time, "time stands still.", advice, ERROR, mask=True))
+    if (step > 0).any():
+        typical = float(np.median(step[step > 0]))
+        gap = np.r_[False, step > GAP * typical]
+        if gap.any():
+            what = f"{int(gap.sum())} gap(s), the longest {step.max():.2f} s at a usual step of {typical:.4g} s."
+            advice = "Nothing is filled in or derived across; if the missing samples exist, export them."
+            faults.append(at("gap", TIME, gap, time, what, advice, WARNING, mask=False))
+    return faults
+
+
+def _missing_values(recording: Recording, machine: Machine | None) -> list[Fault]:
+    faults = []
+    for name, values in recording.columns.items():
+        if name == TIME or values.dtype == object or name in OPTIONAL:
+            continue
+        bad = ~np.isfinite(values)
+        if bad.any():
+            most = bad.mean() > 0.5
+            what = f"'{name}' is missing in {bad.mean():.1%} of the samples."
+            advice = "Missing samples are never filled in: " + ("export it again." if most else "they are left out.")
+            severity = ERROR if most else WARNING
+            faults.append(at("missing_value", name, bad, recording.time, what, advice, severity, mask=True))
+    return faults
+
+
+def _constant(recording: Recording, machine: Machine | None) -> list[Fault]:
+    """Channels that never change, and currents or positions that stop changing while their axis moves."""
+    faults = []
+    for axis in AXES:
+        moving = _moving(recording, axis, machine)
+        for name in (CURRENT[axis], POSITION[axis]):
+            if name not in recording:
+                continue
+            values = recording[name]
+            known = values[np.isfinite(values)]
+            if len(known) and np.ptp(known) == 0:
+                if name == POSITION[axis] and not moving.any():
+                    continue  # an axis that was not used
+                what = f"'{name}' is {known[0]:g} throughout."
+                advice = "Check the channel; nothing is learned for this axis."
+                faults.append(whole("constant", name, what, advice, WARNING))
+                continue
+            still = _frozen(recording, name, moving, VELOCITY[axis])
+            if still.any():
+                what = f"'{name}' does not change while the axis moves."
+                advice = "The channel hung: these samples are left out."
+                faults.append(at("frozen", name, still, recording.time, what, advice, WARNING, mask=True))
+    return faults
+
+
+def _moving(recording: Recording, axis: str, machine: Machine | None) -> Bool1D:
+    if VELOCITY[axis] not in recording:
+        return np.zeros(len(recording), bool)
+    v = np.abs(recording[VELOCITY[axis]])
+    return v > (machine.dead_band(axis) if machine else (0.05 if axis in LINEAR_AXES else 6.0))
+
+
+def _frozen(recording: Recording, name: str, moving: Bool1D, speed: str) -> Bool1D:
+    """Runs of one value for half a second and at least 5 samples, while the axis moves.
+
+    A coarse scale repeats values by itself: a position counts only where the axis went on by ten times the third digit
+    of its value, a current only where it otherwise changes from one sample to the next.
+    """
+    values = recording[name]
+    same = np.r_[False, values[1:] == values[:-1]] & moving
+    is_current = name in CURRENT.values()
+    if moving.sum() < 5 or (is_current and same[moving].mean() > 0.5):
+        return np.zeros(len(values), bool)
+    long = same & (_run_length(same) >= max(5, int(0.5 * recording.sample_rate_hz)))
+    if is_current or not long.any():
+        return long
+    way = np.abs(np.nan_to_num(recording[speed])) / recording.sample_rate_hz
+    edges = np.flatnonzero(np.diff(np.r_[0, long.astype(np.int8), 0]))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        third_digit = 10.0 ** (np.floor(np.log10(max(abs(values[first]), 0.1))) - 2)
+        if way[first:last].sum() < 10.0 * third_digit:
+            long[first:last] = False
+    return long
+
+
+def _run_length(flags: Bool1D) -> Float1D:
+    """(n,) – length of the run of True that each sample belongs to, 0 elsewhere."""
+    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
+    length = np.zeros(len(flags))
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        length[a:b] = b - a
+    return length
+
+
+def _impossible(recording: Recording, machine: Machine | None) -> list[Fault]:
+    """Speeds and accelerations that the axis cannot have, and what a counter that was set back leaves behind."""
+    faults = []
+    for axis in AXES:
+        spikes = _spikes(recording, axis) if axis == "sp" else np.zeros(len(recording), bool)
+        v_max = V_POSSIBLE[axis]
+        if machine:
+            v_max = 1.2 * (machine.axes[axis].v_max if axis in LINEAR_AXES else machine.spindle_max_deg_s)
+        around = spikes.copy()
+        if VELOCITY[axis] in recording:
+            v = recording[VELOCITY[axis]]
+            beyond = np.abs(v) > v_max
+            bad = beyond | spikes
+            around = bad | np.r_[bad[1:], False] | np.r_[False, bad[:-1]]
+            if bad.mean() > 0.2:
+                continue  # not single samples: `unit_slips` names the cause
+            if bad.any():
+                kind = "counter_reset" if axis == "sp" else "impossible_speed"
+                worst = float(np.nanmax(np.abs(v[bad])))
+                what = f"|{VELOCITY[axis]}| up to {worst:.3g} {UNITS[VELOCITY[axis]]}: no such motion took place."
+                advice = (
+                    "The counter behind the position was set back; these samples are left out."
+                    if axis == "sp"
+                    else "These samples are left out; check the unit and the machine's v_max."
+                )
+                faults.append(at(kind, VELOCITY[axis], bad, recording.time, what, advice, WARNING, mask=True))
+        if ACCELERATION[axis] in recording:
+            a = np.abs(recording[ACCELERATION[axis]])
+            beyond = (a > A_POSSIBLE[axis]) | around
+            if beyond.any() and beyond.mean() <= 0.2:
+                kind = "counter_reset" if axis == "sp" and around.any() else "impossible_acceleration"
+                what = f"{ACCELERATION[axis]} of up to {np.nanmax(a[beyond]):.3g} {UNITS[ACCELERATION[axis]]}."
+                advice = "No axis of a mill accelerates like that: these samples are left out."
+                faults.append(at(kind, ACCELERATION[axis], beyond, recording.time, what, advice, WARNING, mask=True))
+    position = POSITION["sp"]
+    if position in recording:
+        reset = counter_resets(unwrap_deg(recording[position]), recording.time) & ~starts(recording.time)
+        if reset.any():
+            times = 1 + int((np.diff(recording.time[reset]) > 1.0).sum())
+            what = f"the spindle's counter was set to another value {times} time(s)."
+            advice = "Nothing is derived across; the samples are kept."
+            faults.append(at("counter_reset", position, reset, recording.time, what, advice, WARNING, mask=False))
+    return faults
+
+
+def _spikes(recording: Recording, axis: str) -> Bool1D:
+    """(n,) – speed that leaves its running median of half a second and comes back: no spindle does.
+
+    The median follows every ramp, so running up and down is not mistaken for a spike.
+    """
+    if VELOCITY[axis] not in recording:
+        return np.zeros(len(recording), bool)
+    v = np.nan_to_num(recording[VELOCITY[axis]])
+    width = int(0.5 * recording.sample_rate_hz) | 1
+    limit = max(0.5 * float(np.quantile(np.abs(v), 0.99)), 360.0)
+    spikes = np.zeros(len(v), bool)
+    for s in stretches(starts(recording.time)):
+        if s.stop - s.start > 2 * width >= 10:
+            spikes[s] = np.abs(v[s] - median_filter(v[s], width, mode="nearest")) > limit
+    return spikes
+
+
+def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
+    """Currents with a flat top: the extreme value comes in runs, while its neighbourhood is hardly ever reached."""
+    faults = []
+    for axis in AXES:
+        if CURRENT[axis] not in recording:
+            continue
+        current = recording[CURRENT[axis]]
+        known = current[np.isfinite(current)]
+        if len(known) < SHORTEST or np.ptp(known) == 0:
+            continue
+        flat = np.zeros(len(current), bool)
+        for extreme in (known.max(), known.min()):
+            top = current == extreme
+            near = np.abs(current - extreme) <= 0.01 * np.ptp(known)
+            runs = _run_length(top) >= 3
+            changes = np.mean(np.diff(known) != 0)
+            if runs.sum() >= 6 and top.sum() > 0.5 * near.sum() and changes > 0.5:
+                flat |= top
+        if flat.any():
+            share = flat.mean()
+            what = f"'{CURRENT[axis]}' stops at {np.nanmax(np.abs(current[flat])):.4g} A, a flat top."
+            advice = "The measuring range was exceeded: widen it; these samples are left out."
+            severity = ERROR if share > 0.5 else WARNING
+            faults.append(at("clipped", CURRENT[axis], flat, recording.time, what, advice, severity, mask=True))
+    return faults
+
+
+def _order(recording: Recording, machine: Machine | None) -> list[Fault]:
+    """Positions that jump against their speeds: rows that are not in the order in which they were taken."""
+    time = recording.time
+    if len(time) < 3:
+        return []
+    inside = ~starts(time)[1:]
+    step = np.diff(time)
+    jump = np.zeros(len(step), bool)
+    for axis in LINEAR_AXES:
+        p, v = POSITION[axis], VELOCITY[axis]
+        if p in recording and v in recording:
+            fastest = np.maximum(np.abs(recording[v][1:]), np.abs(recording[v][:-1]))
+            scale = float(np.nanquantile(np.abs(np.diff(recording[p])), 0.9))
+            jump |= np.abs(np.diff(recording[p])) > 3.0 * fastest * step + max(10 * scale, 0.5)
+    jump &= inside
+    if not jump.any():
+        return []
+    often = jump.mean() > 0.01 and jump.sum() > 10
+    what = f"positions jump {int(jump.sum())} time(s) by more than the speeds allow" + (
+        ": the rows are not in time order." if often else "."
+    )
+    advice = (
+        "Export the recording in order; every difference and every filter along it would be wrong."
+        if often
+        else "The samples at the jumps are left out."
+    )
+    bad = np.r_[False, jump] | np.r_[jump, False]
+    kind = "shuffled" if often else "position_jump"
+    return [at(kind, "pos_x, pos_y, pos_z", bad, time, what, advice, ERROR if often else WARNING, mask=True)]
+
+
+def _repeated(recording: Recording, machine: Machine | None) -> list[Fault]:
+    names = [n for n in (*MOTION, *CURRENT.values()) if n in recording]
+    moving = np.any([_moving(recording, axis, machine) for axis in AXES], axis=0)
+    same = np.r_[False, np.all([recording[n][1:] == recording[n][:-1] for n in names], axis=0)] & moving
+    if not same.any():
+        return []
+    what = "every channel repeats the sample before while the machine moves."
+    advice = "A row was written twice; the second is left out."
+    return [at("duplicate", "all columns", same, recording.time, what, advice, WARNING, mask=True)]
+
+
+def _parked(recording: Recording, machine: Machine | None) -> list[Fault]:
+    moving = np.any([_moving(recording, axis, machine) for axis in AXES], axis=0)
+    length = _run_length(~moving)
+    long = length >= 5.0 * recording.sample_rate_hz
+    if long.mean() <= 0.2:
+        return []
+    what = f"the machine stands still in {long.mean():.0%} of the recording, spindle included."
+    return [
+        at("parked", "v_*", long, recording.time, what, "Kept; it teaches only the standstill.", WARNING, mask=False)
+    ]
+
+
+def _engagement(recording: Recording) -> list[Fault]:
+    if "mrr_sim" not in recording or np.nanmax(recording["mrr_sim"], initial=0.0) > 0:
+        return []
+    what = "no sample has the tool engaged: mrr_sim is 0 throughout."
+    return [whole("never_engaged", "mrr_sim", what, "Check stock and zero point, or call it an air cut.", ERROR)]
+
+
+CHECKS: tuple[Check, ...] = (
+    _missing_values,
+    _constant,
+    unit_slips,
+    _impossible,
+    _clipped,
+    _order,
+    _repeated,
+    _parked,
+)

@@ -1,0 +1,81 @@
+"""A recording as bytes: its digest, its Parquet file, and back.
+
+In:  a Recording. Out: sha256 over what plant and machine said (part.json's fields and every column, by name), the same
+whatever the file was called, whenever it came, in whatever order its columns stood; and Parquet read by column.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import orjson
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pido.core.arrays import Array1D
+from pido.core.errors import StoreError
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+
+
+def digest(recording: Recording) -> str:
+    """sha256, hex. NaN of any kind is one missing value; -0.0 is 0.0."""
+    total = hashlib.sha256(b"pido.recording/1\n")
+    total.update(_about(recording.part))
+    for name in sorted(recording.columns):
+        values = recording.columns[name]
+        total.update(f"\n{name}\0{len(values)}\0".encode())
+        if values.dtype == object:
+            total.update(orjson.dumps([None if v is None else str(v) for v in values]))
+            continue
+        plain = np.array(values, dtype="<f8") + 0.0
+        plain[np.isnan(plain)] = np.nan
+        total.update(plain.tobytes())
+    return total.hexdigest()
+
+
+def _about(part: PartInfo) -> bytes:
+    return orjson.dumps(part.model_dump(mode="json"), option=orjson.OPT_SORT_KEYS)
+
+
+def write(recording: Recording, source: str, path: Path) -> None:
+    """Columns as float64 (text as text), what is known about the part and the notes in the file's metadata."""
+    arrays = {
+        name: pa.array([None if v is None else str(v) for v in values], pa.string())
+        if values.dtype == object
+        else pa.array(np.asarray(values, float))
+        for name, values in recording.columns.items()
+    }
+    about = {"part": recording.part.model_dump(mode="json"), "notes": recording.notes, "source": source}
+    pq.write_table(
+        pa.table(arrays).replace_schema_metadata({b"pido": orjson.dumps(about)}),
+        path,
+        compression="zstd",
+        use_dictionary=False,
+        column_encoding={n: "BYTE_STREAM_SPLIT" for n, a in arrays.items() if pa.types.is_floating(a.type)},
+    )
+
+
+def read(path: Path, columns: Iterable[str] | None) -> Recording:
+    """The stored recording, only `columns` and time where they are named. Raises StoreError where it cannot be read."""
+    try:
+        with pq.ParquetFile(path) as file:
+            present = file.schema_arrow.names
+            wanted = present if columns is None else ["time", *(c for c in columns if c != "time")]
+            if missing := [name for name in wanted if name not in present]:
+                raise StoreError(f"{path}: this part has no column {', '.join(missing)}; it has {', '.join(present)}.")
+            about = orjson.loads((file.schema_arrow.metadata or {})[b"pido"])
+            table = file.read(columns=wanted, use_threads=False)
+    except (pa.ArrowInvalid, pa.ArrowException, OSError, KeyError) as error:
+        raise StoreError(
+            f"{path}: damaged or missing: {error}. Restore it from the backup, or ingest the part again."
+        ) from None
+    data: dict[str, Array1D] = {}
+    for name in wanted:
+        column = table.column(name)
+        text = pa.types.is_string(column.type)
+        data[name] = np.asarray(column.to_pylist(), object) if text else np.array(column.to_numpy(), dtype=float)
+    return Recording(PartInfo.model_validate(about["part"]), data, tuple(about["notes"]))

@@ -1,0 +1,195 @@
+"""The store: a folder that only grows. One Parquet file per recording, named by its content; an index in SQLite.
+
+In:  recordings. Out: entries in production order, and recordings back by digest.
+
+    <root>/index.sqlite                  what has been seen, once
+    <root>/parts/<2>/<digest>.parquet    the content
+    <root>/rejected/<name>               what could not be used, as it came
+    <root>/rejected/<name>.reason.txt    why
+
+A file is written beside its place, flushed, renamed, and only then entered in the index within one transaction. A
+process that dies in between leaves at most a file that no entry names: it is invisible, and the next add of the same
+content takes it over. SQLite serialises two processes; the second of two equal adds finds the first one's entry.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from pido.core.errors import StoreError
+from pido.core.names import file_name
+from pido.core.recording import Recording
+from pido.store import content
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS entries (
+    digest TEXT PRIMARY KEY,
+    machine TEXT NOT NULL,
+    part TEXT NOT NULL,
+    "order" INTEGER,
+    start_time_s REAL,
+    samples INTEGER NOT NULL,
+    source TEXT NOT NULL,
+    UNIQUE (machine, part)
+) STRICT
+"""
+_FIELDS = 'digest, machine, part, "order", start_time_s, samples, source'
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What the index knows about one stored part. `new` says whether `add` just stored it."""
+
+    digest: str
+    machine: str
+    part: str
+    order: int | None
+    start_time_s: float | None
+    samples: int
+    source: str
+    new: bool = False
+
+
+class Store:
+    """Append-only and content-addressed; safe with several processes at once."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = Path(root)
+        self._index = self.root / "index.sqlite"
+
+    def add(self, recording: Recording, source: str = "") -> Entry:
+        """Keep a recording. Content seen before is found again (`new` is False); nothing is written twice.
+
+        Raises StoreError where the machine already has a part of this name with other content.
+        """
+        digest = content.digest(recording)
+        part = recording.part
+        if (known := self._find(digest)) is not None and self.path(digest).exists():
+            return known
+        self._refuse_other_content(part.machine, part.part, digest)
+        self._write(recording, source, self.path(digest))
+        row = (digest, part.machine, part.part, part.order, part.start_time_s, len(recording), source)
+        with self._connect() as index:
+            index.execute("BEGIN IMMEDIATE")
+            found = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
+            if found is None:
+                try:
+                    index.execute(f"INSERT INTO entries ({_FIELDS}) VALUES (?, ?, ?, ?, ?, ?, ?)", row)
+                except sqlite3.IntegrityError:
+                    index.execute("ROLLBACK")
+                    self._refuse_other_content(part.machine, part.part, digest)
+                    raise
+            index.execute("COMMIT")
+        return Entry(*row, new=True) if found is None else Entry(*found)
+
+    def entries(self, machine: str | None = None) -> tuple[Entry, ...]:
+        """All parts (of one machine) in production order: order, then start time, then digest; unknown ones last."""
+        if not self._index.exists():
+            return ()
+        with self._connect() as index:
+            rows = index.execute(f"SELECT {_FIELDS} FROM entries").fetchall()
+        last = float("inf")
+        found = [entry for row in rows if machine in (None, (entry := Entry(*row)).machine)]
+        return tuple(
+            sorted(
+                found,
+                key=lambda e: (
+                    last if e.order is None else e.order,
+                    last if e.start_time_s is None else e.start_time_s,
+                    e.digest,
+                ),
+            )
+        )
+
+    def has(self, digest: str) -> bool:
+        """Whether this content was stored."""
+        return self._find(digest) is not None
+
+    def load(self, digest: str, columns: Iterable[str] | None = None) -> Recording:
+        """A stored recording; with `columns`, only these and time are read. Raises StoreError where it is not there."""
+        if not self.has(digest):
+            raise StoreError(f"{self.root}: no part with digest {digest[:12]}. `pido ingest` adds one.")
+        return content.read(self.path(digest), columns)
+
+    def path(self, digest: str) -> Path:
+        """Where the content of this digest lies."""
+        return self.root / "parts" / digest[:2] / f"{digest}.parquet"
+
+    def reject(self, path: Path, reason: str) -> Path:
+        """Move what cannot be used to the rejected area, with the reason beside it; the index is not touched."""
+        path = Path(path)
+        area = self.root / "rejected"
+        area.mkdir(parents=True, exist_ok=True)
+        for place in _free_names(area, file_name(path.name)):
+            try:
+                # The reason first, exclusively: it reserves the name against a second process.
+                with place.with_name(f"{place.name}.reason.txt").open("x", encoding="utf-8") as handle:
+                    handle.write(f"{path}\n{reason}\n")
+            except FileExistsError:
+                continue
+            shutil.move(path, place)
+            return place
+        raise StoreError(f"{area}: no free name for {path.name}; tidy the rejected area up.")
+
+    def _find(self, digest: str) -> Entry | None:
+        if not self._index.exists():
+            return None
+        with self._connect() as index:
+            row = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
+        return None if row is None else Entry(*row)
+
+    def _refuse_other_content(self, machine: str, part: str, digest: str) -> None:
+        if not self._index.exists():
+            return
+        with self._connect() as index:
+            row = index.execute("SELECT digest FROM entries WHERE machine = ? AND part = ?", (machine, part)).fetchone()
+        if row is not None and row[0] != digest:
+            raise StoreError(
+                f"part '{part}' of machine '{machine}' is in the store with other content "
+                f"(there {row[0][:12]}, here {digest[:12]}). A stored part never changes: give this one its own name."
+            )
+
+    def _write(self, recording: Recording, source: str, place: Path) -> None:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=place.parent, prefix=".", suffix=".new")
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            content.write(recording, source, temporary)
+            _sync(temporary)
+            temporary.replace(place)
+            _sync(place.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    @contextmanager
+    def _connect(self) -> Iterator[sqlite3.Connection]:
+        self.root.mkdir(parents=True, exist_ok=True)
+        try:
+            with closing(sqlite3.connect(self._index, timeout=60.0, isolation_level=None)) as index:
+                index.execute("PRAGMA journal_mode = WAL")
+                index.execute("PRAGMA synchronous = FULL")
+                index.execute(_SCHEMA)
+                yield index
+        except sqlite3.DatabaseError as error:
+            raise StoreError(f"{self._index}: {error}. If it is damaged, restore it from the backup.") from None
+
+
+def _free_names(area: Path, name: str) -> Iterator[Path]:
+    yield area / name
+    yield from (area / f"{name}.{n}" for n in range(2, 10_000))
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
