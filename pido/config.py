@@ -10,7 +10,7 @@ import tomllib
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -26,6 +26,9 @@ from pydantic import (
 from pido.core.axes import LINEAR_AXES
 from pido.core.errors import SettingsError
 from pido.core.machining import AxisLimits, Machine, Material, Stock, Tool
+
+if TYPE_CHECKING:
+    from pido.sampling.method import Method
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -52,17 +55,22 @@ class ToolConfig(_Settings):
     teeth: PositiveInt = Field(description="number of cutting edges, –")
     kind: Literal["end", "ball", "bull", "drill"] = "end"
     corner_radius_mm: NonNegativeFloat = Field(default=0.0, description="corner radius, mm")
-    kappa_deg: float = Field(default=90.0, gt=0, le=90, description="cutting edge angle, deg")
+    kappa_deg: float | None = Field(
+        default=None, gt=0, le=90, description="cutting edge angle, deg; default 90, drill 59 (half its point angle)"
+    )
     mass_kg: PositiveFloat | None = Field(default=None, description="mass of tool and holder, kg")
 
     @model_validator(mode="after")
     def _corner_fits(self) -> ToolConfig:
         if 2 * self.corner_radius_mm > self.diameter_mm:
             raise ValueError("corner_radius_mm is larger than half the diameter")
+        if self.kind == "bull" and self.corner_radius_mm == 0:
+            raise ValueError("a bull nose needs its corner_radius_mm")
         return self
 
     def build(self, tool_id: str) -> Tool:
-        return Tool(id=tool_id, **self.model_dump())
+        kappa = self.kappa_deg or (59.0 if self.kind == "drill" else 90.0)
+        return Tool(id=tool_id, **{**self.model_dump(), "kappa_deg": kappa})
 
 
 class StockConfig(_Settings):
@@ -109,10 +117,18 @@ class MachineConfig(_Settings):
     y: AxisConfig
     z: AxisConfig
     spindle: SpindleConfig
-    vertical_axis: Literal["x", "y", "z"] = "z"
+    vertical_axis: Literal["x", "y", "z"] = Field(default="z", description="axis along which gravity acts")
+    tool_axis: Literal["x", "y", "z"] = Field(
+        default="z", description="axis along which the spindle points (ISO 841: z)"
+    )
     force_max_n: PositiveFloat = Field(default=2000.0, description="largest process force to expect, N")
     torque_max_nm: PositiveFloat = Field(default=50.0, description="largest spindle torque to expect, N·m")
     mrr_max_mm3_s: PositiveFloat = Field(default=2000.0, description="largest removal rate to expect, mm³/s")
+
+    def channels(self) -> dict[str, str]:
+        """Axis -> its name in the control's own recordings, where the settings say it."""
+        named = {**{a: getattr(self, a).channel for a in LINEAR_AXES}, "sp": self.spindle.channel}
+        return {axis: channel for axis, channel in named.items() if channel}
 
     def build(self, machine_id: str) -> Machine:
         axes = {a: getattr(self, a) for a in LINEAR_AXES}
@@ -129,7 +145,65 @@ class MachineConfig(_Settings):
             mrr_max_mm3_s=self.mrr_max_mm3_s,
             current_max_a=limits,
             vertical_axis=self.vertical_axis,
+            tool_axis=self.tool_axis,
             ball_screw_lead_mm={a: c.ball_screw_lead_mm for a, c in axes.items() if c.ball_screw_lead_mm},
+        )
+
+
+class MethodSettings(_Settings):
+    """How samples are generated and models trained. `MethodSettings()` adapts, `paper()` is as printed."""
+
+    adaptive: bool = Field(default=True, description="terms, weights and shares per axis from held-out rows")
+    bin_width: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(
+        default=(2.0, 2.0, 2.0), description="bins that are balanced: mm/s, mm/s, mm²"
+    )
+    equation_bin_width: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(
+        default=(1.0, 1.0, 10.0), description="bins that have an equation each: mm/s, mm/s, mm²"
+    )
+    density: PositiveFloat = Field(default=40.0, description="target density rho, samples per bin")
+    pia: Literal["paper-pia", "fill", "none"] = Field(default="paper-pia", description="share rule of PiA (eq. 15)")
+    pie: Literal["paper-pie", "fill", "none"] = Field(default="paper-pie", description="share rule of PiE (eq. 16)")
+    rounding: Literal["stochastic", "nearest"] = "stochastic"
+    leverage_quantile: float | None = Field(
+        default=0.95, gt=0, le=1, description="gate: largest leverage, as a quantile of the fitted rows'; none: open"
+    )
+    compare_with_model: bool = Field(default=True, description="gate: the equation must beat the model where it speaks")
+    margin: PositiveFloat = Field(default=0.9, description="gate: equation's error over the model's, at most")
+    nuisance: Literal["planned", "joint", "paper"] = Field(
+        default="planned", description="where PiE takes v_z, accelerations and spindle from"
+    )
+    omega_data: PositiveFloat = Field(default=1.0, description="weight of real rows in the loss (eq. 7)")
+    omega_generated: NonNegativeFloat = Field(default=1.0, description="weight of PiA and PiE rows in the loss")
+    weigh_by_certainty: bool = Field(default=True, description="generated rows count less where their error is large")
+    estimators: Literal["default", "paper"] = "default"
+    inputs: Literal["extended", "paper"] = Field(
+        default="extended", description="13 inputs of the paper, or with each axis' last direction of motion"
+    )
+
+    @classmethod
+    def paper(cls) -> MethodSettings:
+        """Everything as printed."""
+        return cls(
+            adaptive=False, leverage_quantile=None, compare_with_model=False, margin=1.0, nuisance="paper",
+            weigh_by_certainty=False, estimators="paper", inputs="paper",
+        )  # fmt: skip
+
+    def build(self) -> Method:
+        from pido.feature_space.grid import Grid
+        from pido.sampling.gate import Gate
+        from pido.sampling.method import Method
+        from pido.sampling.shares import SHARES, ShareRule
+
+        return Method(
+            grid=Grid(self.bin_width),
+            equation_grid=Grid(self.equation_bin_width),
+            share=ShareRule(self.density, SHARES[self.pia], SHARES[self.pie], self.rounding),
+            gate=Gate(self.leverage_quantile, self.compare_with_model, self.margin),
+            nuisance=self.nuisance,
+            adaptive=self.adaptive,
+            omega_data=self.omega_data,
+            omega_generated=self.omega_generated,
+            weigh_by_certainty=self.weigh_by_certainty,
         )
 
 

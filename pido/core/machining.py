@@ -43,6 +43,14 @@ class Stock:
 
 
 @dataclass(frozen=True, slots=True)
+class MeshStock:
+    """A raw part of any shape: a mesh file in mm, moved by `offset_mm` into machine coordinates."""
+
+    path: str
+    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
 class AxisLimits:
     """What one linear axis can do."""
 
@@ -66,7 +74,8 @@ class Machine:
     torque_max_nm: float = 50.0
     mrr_max_mm3_s: float = 2000.0
     current_max_a: dict[str, float] = field(default_factory=dict)
-    vertical_axis: str = "z"
+    vertical_axis: str = "z"  # along which gravity acts
+    tool_axis: str = "z"  # along which the spindle points; z on horizontal mills too (ISO 841)
     ball_screw_lead_mm: dict[str, float] = field(default_factory=dict)
 
     def dead_band(self, axis: str) -> float:

@@ -1,0 +1,86 @@
+"""A recording with its process quantities becomes the rows that equations and models learn from.
+
+In:  `Recording` with motion and process columns, machine (dead bands), digest of the part.
+Out: `Samples`: the 13 inputs, AR, currents, and the held direction of each axis.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.core.axes import AXES, LINEAR_AXES
+from pido.core.columns import CURRENT, INPUTS, PROCESS, VELOCITY
+from pido.core.errors import RecordingError
+from pido.core.machining import Machine
+from pido.core.recording import Recording
+from pido.core.samples import Samples
+from pido.physics.friction import held_direction
+from pido.process.quantities import area_removal
+
+logger = logging.getLogger(__name__)
+
+AR_MAX_MM2 = 200.0
+"""Upper bound of AR for a sample with the tool engaged (paper, section IV-A)."""
+GAP_STEPS = 2.5
+"""A time step longer than this many median steps is a gap: the direction of an axis is unknown after it."""
+
+
+def to_samples(recording: Recording, machine: Machine, part_digest: str, *, engaged_only: bool = True) -> Samples:
+    """Rows of one part, in time order.
+
+    A row is kept where all 13 inputs are there; with `engaged_only` also where 0 < AR < 200 mm² and the tool moves
+    (paper, section IV-A: ||v|| != 0, here: faster than the dead band on at least one axis, because a measured speed
+    is never 0). The held direction is found before rows are left out. An axis whose current was not recorded has NaN.
+
+    Raises RecordingError for missing columns, or where no row is left.
+    """
+    missing = [name for name in INPUTS if name not in recording]
+    if missing:
+        advice = (
+            "Simulate the process quantities along the path first (`pido.process.quantities.process_quantities`)."
+            if set(missing) & set(PROCESS)
+            else "Derive motion from the positions first (`pido.recordings`)."
+        )
+        what = ", ".join(missing)
+        raise RecordingError(f"part {recording.part.part}: {what} missing, and every row needs them. {advice}")
+    inputs = np.column_stack([np.asarray(recording[name], float) for name in INPUTS])
+    ar = area_removal(recording)
+    keep = np.isfinite(inputs).all(axis=1)
+    incomplete = int((~keep).sum())
+    if engaged_only:
+        keep &= engaged(recording, machine)
+        if not keep.any():
+            raise RecordingError(
+                f"part {recording.part.part}: no sample has the tool engaged (0 < AR < {AR_MAX_MM2:g} mm²). "
+                "Check raw part, tool and zero offset, or say that this is an air cut."
+            )
+    elif not keep.any():
+        raise RecordingError(f"part {recording.part.part}: no sample has all 13 inputs.")
+    n = len(recording)
+    currents = np.column_stack(
+        [np.asarray(recording[CURRENT[a]], float) if CURRENT[a] in recording else np.full(n, np.nan) for a in AXES]
+    )
+    row = np.flatnonzero(keep)
+    logger.info("part %s: %d of %d samples kept, %d incomplete", recording.part.part, len(row), n, incomplete)
+    return Samples.real(inputs[row], ar[row], currents[row], directions(recording, machine)[row], part_digest, row)
+
+
+def engaged(recording: Recording, machine: Machine) -> Bool1D:
+    """(n,): 0 < AR < 200 mm², and at least one linear axis moves."""
+    ar = area_removal(recording)
+    moves = np.any([np.abs(recording[VELOCITY[a]]) > machine.dead_band(a) for a in LINEAR_AXES], axis=0)
+    return (ar > 0) & (ar < AR_MAX_MM2) & moves
+
+
+def directions(recording: Recording, machine: Machine) -> Float2D:
+    """(n, 4): sign of each axis' last real motion; 0 until it is known, at the start and after every gap in time."""
+    step = np.diff(recording.time)
+    gaps = np.flatnonzero(step > GAP_STEPS * np.median(step)) + 1 if len(step) else np.array([], int)
+    held: list[Float1D] = [
+        np.concatenate([held_direction(v, machine.dead_band(axis)) for v in np.split(recording[VELOCITY[axis]], gaps)])
+        for axis in AXES
+    ]
+    return np.column_stack(held)

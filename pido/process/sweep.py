@@ -1,0 +1,289 @@
+"""Stock removal along a path: the loop, compiled.
+
+In:  tool tip positions, tools, and the cells of a height map (`pido.process.height_map`).
+Out: per step the volume removed and its first moments; the cells are changed in place.
+
+Each cell of the map keeps more than a height, so that a wall may stand anywhere inside it: a share `cov` of the cell
+is at height `low`, the rest at `top`, and (n_u, n_v) points from the removed part to the wall. A tool covers a cell by
+the area that a straight edge at the rim's distance and direction cuts from a unit square, exactly. Covering the same
+part twice removes it once. Without this, a slot's width is a whole number of cells: 0.4 % wrong at 45 degrees and
+0.1 mm, for a 10 mm tool, and 3 % for a 3 mm tool.
+
+A step is the volume swept between two samples (a capsule), not a series of discs. Where the tool does not go down, the
+disc of the step before is already clear, and only the crescent ahead of it is visited.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+TOP, LOW, COV, N_U, N_V = 0, 1, 2, 3, 4
+FIELDS = 5
+HALF_DIAGONAL = 0.7072
+PARALLEL = 0.5
+"""Cosine between two walls in one cell: above it they are the same wall, below minus it opposite ones."""
+
+
+FAST = {"contract", "reassoc", "arcp", "nsz"}  # not nnan, ninf: a missing position must stay recognisable
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _covered(s, n_u, n_v):
+    """Area of a unit square behind a line at signed distance s beyond its centre, with normal (n_u, n_v)."""
+    a, b = abs(n_u), abs(n_v)
+    if a < b:
+        a, b = b, a
+    t = abs(s)
+    outer = 0.5 * (a + b)
+    if t >= outer:
+        share = 1.0
+    elif t <= 0.5 * (a - b):
+        share = 0.5 + t / a
+    else:
+        share = 1.0 - (outer - t) ** 2 / (2.0 * a * b)
+    return share if s >= 0.0 else 1.0 - share
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _cut_whole(cells, j, i, z):
+    """Lower a whole cell to z; mean height removed."""
+    removed = 0.0
+    cov = cells[j, i, COV]
+    if cov > 0.0:
+        if cells[j, i, LOW] > z:
+            removed += cov * (cells[j, i, LOW] - z)
+            cells[j, i, LOW] = z
+        if cells[j, i, TOP] > z:
+            removed += (1.0 - cov) * (cells[j, i, TOP] - z)
+            cells[j, i, TOP] = z
+        if cells[j, i, LOW] >= cells[j, i, TOP]:
+            cells[j, i, COV] = 0.0
+    elif cells[j, i, TOP] > z:
+        removed = cells[j, i, TOP] - z
+        cells[j, i, TOP] = z
+    return removed
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _cut_part(cells, j, i, c, z, n_u, n_v):
+    """Lower the share c of a cell to z, behind a wall with normal (n_u, n_v); mean height removed."""
+    top, low, cov = cells[j, i, TOP], cells[j, i, LOW], cells[j, i, COV]
+    if z >= top:
+        return 0.0
+    if cov == 0.0:
+        cells[j, i, LOW], cells[j, i, COV], cells[j, i, N_U], cells[j, i, N_V] = z, c, n_u, n_v
+        return c * (top - z)
+    along = n_u * cells[j, i, N_U] + n_v * cells[j, i, N_V]
+    if along > PARALLEL:
+        union = max(c, cov)
+    elif along < -PARALLEL:
+        union = min(1.0, c + cov)
+    else:
+        union = c + cov - c * cov
+    extra = union - cov
+    removed = 0.0
+    if low > z:
+        deeper = (c - extra) * (low - z)
+        removed += deeper
+        low -= deeper / cov
+    if extra > 0.0:
+        removed += extra * (top - z)
+        low = (low * cov + z * extra) / union
+    if c >= cov:
+        cells[j, i, N_U], cells[j, i, N_V] = n_u, n_v
+    if union >= 0.9999:
+        cells[j, i, TOP], cells[j, i, COV] = low, 0.0
+    else:
+        cells[j, i, LOW], cells[j, i, COV] = low, union
+    return removed
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def _profile(r, flat, corner, slope):
+    """Height of the tool's underside above its tip at radius r (in cells; heights in mm)."""
+    if r <= flat:
+        return 0.0
+    if slope > 0.0:
+        return (r - flat) * slope
+    x = min((r - flat) / corner[0], 1.0)
+    return corner[1] * (1.0 - math.sqrt(1.0 - x * x))
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def _lowest(q, s, length, w0, dw, radius, flat, corner, slope):
+    """Lowest height that the tool's underside reaches over one point during a sloped step.
+
+    q and s place the point beside and along the step. The underside is convex and the step straight, so height over
+    time is convex: a flat tool is lowest where it enters or leaves the point, others are found by ternary search.
+    """
+    half = math.sqrt(max(radius * radius - q * q, 0.0))
+    if length > 0.0:
+        t0 = min(max((s - half) / length, 0.0), 1.0)
+        t1 = min(max((s + half) / length, 0.0), 1.0)
+    else:
+        t0, t1 = 0.0, 1.0
+    if flat >= radius:
+        return w0 + dw * (t1 if dw < 0.0 else t0)
+    for _ in range(40):
+        a = t0 + (t1 - t0) / 3.0
+        b = t1 - (t1 - t0) / 3.0
+        if w0 + dw * a + _profile(math.hypot(q, s - a * length), flat, corner, slope) < w0 + dw * b + _profile(
+            math.hypot(q, s - b * length), flat, corner, slope
+        ):
+            t1 = b
+        else:
+            t0 = a
+    t = 0.5 * (t0 + t1)
+    return w0 + dw * t + _profile(math.hypot(q, s - t * length), flat, corner, slope)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def _row(v, u0, v0, d_u, d_v, length, radius):
+    """Where a capsule (half width `radius`, from (u0, v0) along (d_u, d_v)) meets the row at v: (from, to)."""
+    low, high = np.inf, -np.inf
+    for end in (0.0, length):
+        y = v - v0 - end * d_v
+        if abs(y) <= radius:
+            x = math.sqrt(radius * radius - y * y)
+            u = u0 + end * d_u
+            low, high = min(low, u - x), max(high, u + x)
+    y = v - v0
+    for side in (-radius, radius):  # corners of the rectangle between the two ends
+        # the edge runs from foot to foot + length * d, foot = start + side * normal(-d_v, d_u)
+        along = d_v * length
+        if along != 0.0:
+            t = (y - side * d_u) / along
+            if 0.0 <= t <= 1.0:
+                u = u0 - side * d_v + t * length * d_u
+                low, high = min(low, u), max(high, u)
+    return low, high
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
+    """Remove what the tools sweep between consecutive samples.
+
+    Parameters
+    ----------
+    cells : (n_v, n_u, 5) float32 – changed in place; heights in mm above the map's bottom
+    ceiling : highest `top` of the map, mm: nothing above it is visited
+    pos : (n, 3) – tool tip: u, v in cells from the map's corner, w in mm above its bottom; NaN: nobody knows
+    tool : (n,) – which tool makes the step that ends here; -1: none, nothing is cut
+    radii, flats : (m,) – radius of each tool, and of its flat end, in cells
+    corners : (m, 2) – corner radius in cells and in mm
+    slopes : (m,) – mm per cell, of a conical end; 0 for others
+    out : (n, 4) – filled, for the step that ends at each sample: volume removed at the side (mm * cells), volume
+        removed by the end, moment of the first about the path (to the left, in cells), axial depth at the side (mm)
+    """
+    n_v, n_u = cells.shape[0], cells.shape[1]
+    clear = -1  # the tool whose disc at the step's start is known to be clear
+    for k in range(len(pos)):
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = 0.0, 0.0, 0.0, 0.0
+        m = tool[k]
+        first = k == 0 or np.isnan(pos[k - 1, 0] + pos[k - 1, 1] + pos[k - 1, 2])
+        if m < 0 or np.isnan(pos[k, 0] + pos[k, 1] + pos[k, 2]):
+            clear = -1
+            continue
+        p = k if first else k - 1  # where nobody saw how the tool came here, it is put down here
+        u0, v0, w0 = pos[p, 0], pos[p, 1], pos[p, 2]
+        dw = pos[k, 2] - w0
+        if min(w0, pos[k, 2]) >= ceiling:
+            clear = m
+            continue
+        length = math.hypot(pos[k, 0] - u0, pos[k, 1] - v0)
+        known = clear == m and dw >= 0.0
+        clear = m
+        if known and length < 1e-9:
+            continue
+        d_u, d_v = 1.0, 0.0
+        if length >= 1e-9:
+            d_u, d_v = (pos[k, 0] - u0) / length, (pos[k, 1] - v0) / length
+        else:
+            length = 0.0
+
+        radius, flat, slope = radii[m], flats[m], slopes[m]
+        corner = corners[m]
+        is_flat = flat >= radius
+        outer = radius + HALF_DIAGONAL
+        sure = max(radius - HALF_DIAGONAL, 0.0)
+        inner = max(flat - HALF_DIAGONAL, 0.0)
+        level_z = np.float32(max(w0, 0.0))
+        tip = max(min(w0, pos[k, 2]), 0.0)
+        side, end, moment, depth = 0.0, 0.0, 0.0, 0.0
+
+        j0 = max(math.floor(min(v0, pos[k, 1]) - outer - 0.5), 0)
+        j1 = min(math.ceil(max(v0, pos[k, 1]) + outer + 0.5), n_v)
+        for j in range(j0, j1):
+            v = j + 0.5
+            y = v - v0
+            low, high = _row(v, u0, v0, d_u, d_v, length, outer)
+            if not low <= high:
+                continue
+            a0, a1 = low, high
+            b0, b1 = 0.0, -1.0
+            if known:
+                # Behind the start the capsule is the disc of the step before.
+                if d_u > 1e-12:
+                    a0 = max(a0, u0 - y * d_v / d_u)
+                elif d_u < -1e-12:
+                    a1 = min(a1, u0 - y * d_v / d_u)
+                elif y * d_v < 0.0:
+                    continue
+                if abs(y) < inner:
+                    x = math.sqrt(inner * inner - y * y)
+                    b0, b1 = max(a0, u0 + x), a1
+                    a1 = min(a1, u0 - x)
+            for part in range(2):
+                if part == 1:
+                    a0, a1 = b0, b1
+                if a1 < a0:
+                    continue
+                i0 = max(math.ceil(a0 - 0.5), 0)
+                i1 = min(math.floor(a1 - 0.5) + 1, n_u)
+                for i in range(i0, i1):
+                    if cells[j, i, TOP] <= tip:
+                        continue
+                    x = i + 0.5 - u0
+                    s = x * d_u + y * d_v
+                    q = y * d_u - x * d_v
+                    e = min(max(s, 0.0), length)
+                    d2 = q * q + (s - e) * (s - e)
+                    if d2 >= outer * outer:
+                        continue
+                    if dw == 0.0:
+                        z = level_z
+                        if not is_flat and d2 > flat * flat:
+                            z = np.float32(max(w0 + _profile(math.sqrt(d2), flat, corner, slope), 0.0))
+                    else:
+                        z = np.float32(max(_lowest(q, s, length, w0, dw, radius, flat, corner, slope), 0.0))
+                    before = cells[j, i, TOP]
+                    if d2 <= sure * sure:
+                        removed = _cut_whole(cells, j, i, z)
+                    else:
+                        d = math.sqrt(d2)
+                        n_x, n_y = (x - e * d_u) / d, (y - e * d_v) / d
+                        c = _covered(radius - d, n_x, n_y)
+                        if c >= 0.9999:
+                            removed = _cut_whole(cells, j, i, z)
+                        elif c > 1e-4:
+                            removed = _cut_part(cells, j, i, c, z, n_x, n_y)
+                        else:
+                            removed = 0.0
+                    if removed <= 0.0:
+                        continue
+                    if dw < 0.0:
+                        # Where the tool already stood, its end takes what it goes down; all else is the side's.
+                        stood = min(max(radius + 0.5 - math.hypot(x, y), 0.0), 1.0)
+                        below = min(removed, -dw * stood)
+                        end += below
+                        removed -= below
+                        if removed <= 1e-9:
+                            continue
+                    side += removed
+                    moment += removed * q
+                    if before - tip > depth and removed > 1e-6:
+                        depth = before - tip
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = side, end, moment, depth
