@@ -11,6 +11,12 @@ if TYPE_CHECKING:
     from pido.diagnosis.finding import Diagnosis
 
 
+def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str | None) -> str | None:
+    if pair is not None and not all(pair.partition(":")):
+        raise click.BadParameter("give two column names, RECORDED:SIMULATED")
+    return pair
+
+
 @click.command(name="diagnose")
 @click.argument("parts", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="folder for the result")
@@ -77,9 +83,3 @@ def summary(result: Diagnosis) -> list[str]:
     if result.clean_axes:
         lines.append(f"{', '.join(result.clean_axes)}   nothing significant")
     return lines
-
-
-def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str | None) -> str | None:
-    if pair is not None and not all(pair.partition(":")):
-        raise click.BadParameter("give two column names, RECORDED:SIMULATED")
-    return pair
