@@ -1,0 +1,157 @@
+"""Signals that are wrong, not physics: faulty inputs, a clipped current, a shift in time.
+
+In:  a recording.
+Out: `input_faults` as intervals per column, `clipping` as the limits that a current never leaves, `time_shift`.
+Thresholds come from the data's own noise. The only fixed numbers are speeds and accelerations that no mill reaches.
+Position, speed and acceleration of an axis must belong together; where they do not, that is a fault, never fitted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pido.core.arrays import Bool1D, Float1D
+from pido.core.axes import AXES, LINEAR_AXES
+from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, POSITION, VELOCITY
+from pido.core.recording import Recording
+
+# Beyond any machine tool: 2 m/s and 5 g along an axis; 150 000 1/min, reached within 10 ms, at the spindle.
+_V_MOST = {"lin": 2000.0, "sp": 9.0e5}
+_A_MOST = {"lin": 5.0e4, "sp": 9.0e7}
+_FACTOR = 12.0  # robust deviations of speed against the change of position that are a contradiction
+_FROZEN_S = 0.3  # a position that stands still this long while its speed says that it moves
+_FLAT_SHARE = 2e-3  # of the samples must lie exactly at a current's extreme to call it a limit
+
+
+class Fault(NamedTuple):
+    """Samples of one column, first to last in s, that are wrong, and why."""
+
+    t_start: float
+    t_end: float
+    reason: str
+
+
+def input_faults(recording: Recording) -> dict[str, tuple[Fault, ...]]:
+    """Intervals per column of position, speed and acceleration signals that cannot be true; only faulty columns."""
+    out = {}
+    for axis in AXES:
+        for column, by_reason in _faults_of_axis(recording, axis).items():
+            found = [f for reason, rows in by_reason.items() for f in _intervals(recording.time, rows, reason)]
+            if found:
+                out[column] = tuple(sorted(found))
+    return out
+
+
+def faulty(recording: Recording, axis: str) -> Bool1D:
+    """(n,) – rows in which an input of `axis` is wrong."""
+    rows = np.zeros(len(recording), bool)
+    for by_reason in _faults_of_axis(recording, axis).values():
+        for found in by_reason.values():
+            rows |= found
+    return rows
+
+
+def clipping(recording: Recording, axis: str) -> tuple[float, float] | None:
+    """(lowest, highest) current that the record never leaves, -inf or inf on a side without a limit; None without any.
+
+    A limited signal stays at its extreme exactly and in runs; a noisy one touches it once.
+    """
+    if CURRENT[axis] not in recording:
+        return None
+    current = recording[CURRENT[axis]]
+    current = current[np.isfinite(current)]
+    if len(current) < 100 or np.ptp(current) == 0:
+        return None
+    low, high = float(current.min()), float(current.max())
+    levels = len(np.unique(current))
+    flat = [_flat(current, v) and levels > 50 for v in (low, high)]
+    return None if not any(flat) else (low if flat[0] else -np.inf, high if flat[1] else np.inf)
+
+
+def time_shift(recording: Recording, axis: str, longest_s: float = 1.0) -> tuple[float, float] | None:
+    """(shift s, correlation) – by how much the recorded current lags the simulated one; None without both or motion.
+
+    The lag of the largest correlation of the changes of both signals, refined by a parabola through its neighbours.
+    """
+    if CURRENT[axis] not in recording or CURRENT_SIM[axis] not in recording or len(recording) < 50:
+        return None
+    curr, sim = recording[CURRENT[axis]], recording[CURRENT_SIM[axis]]
+    good = np.isfinite(curr) & np.isfinite(sim)
+    y, x = (np.diff(np.where(good, s, 0.0)) for s in (curr, sim))
+    y, x = y - y.mean(), x - x.mean()
+    norm = float(np.sqrt((x @ x) * (y @ y)))
+    if norm == 0:
+        return None
+    dt = float(np.median(np.diff(recording.time)))
+    most = min(len(x) // 4, max(2, int(longest_s / dt)))
+    size = 1 << int(np.ceil(np.log2(2 * len(x))))
+    cross = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(x, size)), size)
+    lags = np.arange(-most, most + 1)
+    c = cross[lags] / norm
+    k = int(np.argmax(c))
+    fine = 0.0
+    if 0 < k < len(c) - 1 and (bend := c[k - 1] - 2 * c[k] + c[k + 1]) < 0:
+        fine = 0.5 * (c[k - 1] - c[k + 1]) / bend
+    return float((lags[k] + fine) * dt), float(c[k])
+
+
+def _faults_of_axis(recording: Recording, axis: str) -> dict[str, dict[str, Bool1D]]:
+    time = recording.time
+    sort = "lin" if axis in LINEAR_AXES else "sp"
+    names = {"pos": POSITION[axis], "v": VELOCITY[axis], "a": ACCELERATION[axis]}
+    pos, v, a = (np.asarray(recording[n], float) if n in recording else None for n in names.values())
+    out: dict[str, dict[str, Bool1D]] = {n: {} for n in names.values()}
+    if v is not None:
+        out[names["v"]]["speed that no machine reaches"] = np.abs(v) > _V_MOST[sort]
+    if a is not None:
+        out[names["a"]]["acceleration that no machine reaches"] = np.abs(a) > _A_MOST[sort]
+        if v is not None:
+            # A derivative beside a wrong speed is wrong as well.
+            wrong = _grown(np.abs(v) > _V_MOST[sort])
+            out[names["a"]]["derived from a wrong speed"] = wrong & ~out[names["v"]]["speed that no machine reaches"]
+    if pos is not None and v is not None and axis in LINEAR_AXES and len(time) > 20:
+        out[names["pos"]] |= _contradictions(time, pos, v)
+    return out
+
+
+def _contradictions(time: Float1D, pos: Float1D, v: Float1D) -> dict[str, Bool1D]:
+    """Position against speed over each step: jumps that no speed explains, and a position frozen in motion."""
+    step = np.diff(time)
+    moved, expected = np.diff(pos), 0.5 * (v[1:] + v[:-1]) * step
+    gap = np.nan_to_num(moved - expected)
+    tolerance = _FACTOR * 1.4826 * float(np.median(np.abs(gap))) + 0.5 * float(np.nanquantile(np.abs(expected), 0.999))
+    tolerance = max(tolerance, float(np.nanmax(np.abs(np.diff(v)), initial=0.0) * np.median(step)) , 1e-9)
+    jump = np.zeros(len(time), bool)
+    regular = step < 1.5 * np.median(step)
+    jump[1:] = (np.abs(gap) > tolerance) & regular
+    # A frozen position repeats itself to the last digit while the integrated speed walks away.
+    still = np.r_[False, (moved == 0) & (np.abs(expected) > 0)]
+    frozen = np.zeros(len(time), bool)
+    resolution = np.abs(moved[moved != 0])
+    grain = float(np.min(resolution)) if len(resolution) else 0.0
+    for first, last in _runs(still):
+        way = abs(float(np.sum(expected[max(first - 1, 0) : last])))
+        if time[last] - time[first] >= _FROZEN_S and way > max(20 * grain, tolerance):
+            frozen[first : last + 1] = True
+    return {"jump that the speed does not explain": jump & ~frozen, "frozen while the axis moves": frozen}
+
+
+def _flat(current: Float1D, level: float) -> bool:
+    at = np.isclose(current, level, rtol=0, atol=1e-9 * float(np.ptp(current)))
+    runs = [j - i + 1 for i, j in _runs(at)]
+    return at.mean() > _FLAT_SHARE and max(runs, default=0) >= 3
+
+
+def _grown(rows: Bool1D) -> Bool1D:
+    return rows | np.r_[rows[1:], False] | np.r_[False, rows[:-1]]
+
+
+def _runs(rows: Bool1D) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
+    return [(int(i), int(j) - 1) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _intervals(time: Float1D, rows: Bool1D, reason: str) -> list[Fault]:
+    return [Fault(float(time[i]), float(time[j]), reason) for i, j in _runs(rows)]

@@ -1,0 +1,98 @@
+"""What a mechanism of the catalogue can do.
+
+In:  the state of one axis in one part (`AxisState`) and the mechanism's shape parameters.
+Out: regressors that its amplitudes multiply, where it acts, and what an operator should read.
+What is linear (amplitudes) is separated from what is not (shape), so that one fit serves every mechanism. A shape that
+chooses among textbook forms is a whole number and is rounded; a form that a recording cannot give has a zero regressor.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.core.axes import AXES
+from pido.diagnosis.state import AxisState
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number of a mechanism: unit, plausible range, and for a shape the values that a search starts from."""
+
+    name: str
+    unit: str
+    low: float | None = None
+    high: float | None = None
+    scale: Literal["linear", "log"] = "linear"
+    values: tuple[float, ...] = ()
+    points: int = 6
+
+    @property
+    def grid(self) -> tuple[float, ...]:
+        """Where a search starts: `values`, or `points` values between low and high, evenly on the parameter's scale."""
+        if self.values:
+            return self.values
+        if self.low is None or self.high is None:
+            return ()
+        space = np.geomspace if self.scale == "log" else np.linspace
+        return tuple(float(v) for v in space(self.low, self.high, self.points))
+
+
+def choice(name: str, count: int) -> Parameter:
+    """A shape that chooses among `count` forms, numbered from 0."""
+    return Parameter(name, "–", low=0.0, high=count - 1.0, values=tuple(map(float, range(count))))
+
+
+class Mechanism(ABC):
+    """Something that a simulation may have left out of one axis' current."""
+
+    id: ClassVar[str]
+    equation: ClassVar[str]
+    kind: ClassVar[Literal["missing_physics", "data_fault"]] = "missing_physics"
+    amplitudes: ClassVar[tuple[Parameter, ...]]
+    shape: ClassVar[tuple[Parameter, ...]] = ()
+    axes: ClassVar[tuple[str, ...]] = AXES
+    summary: ClassVar[str] = ""
+    tell_apart: ClassVar[Mapping[str, str]] = {}
+
+    @abstractmethod
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        """What the amplitudes multiply: (n, len(self.amplitudes)), in A per unit of the amplitude."""
+
+    def needs(self, states: Sequence[AxisState]) -> str | None:
+        """Why these data cannot show the mechanism, or None. Members say here what they need besides their axis."""
+        return None
+
+    def applies(self, states: Sequence[AxisState]) -> str | None:
+        """None where the data can show the mechanism, or the reason why they cannot."""
+        if not states:
+            return "no part was given"
+        axis = states[0].axis
+        if axis not in self.axes:
+            return f"it does not act on axis {axis}"
+        return self.needs(states)
+
+    def where(self, state: AxisState, **shape: float) -> Float1D:
+        """(n,) in 0..1 – how strongly it acts, relative to where it acts most in this part."""
+        size = np.abs(np.nan_to_num(self.regressors(state, **shape)))
+        top = size.max(axis=0)
+        return np.max(size / np.where(top > 0, top, 1.0), axis=1) if len(size) else np.zeros(0)
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        """(summary in an operator's words, conditions in the form of the contract)."""
+        return self.summary.format(axis=axis, **shape), ()
+
+
+def column(values: Float1D) -> Float2D:
+    """(n,) as (n, 1)."""
+    return np.asarray(values, float)[:, None]
+
+
+def nothing(state: AxisState, k: int = 1) -> Float2D:
+    """Regressor of a form that this recording cannot give."""
+    return np.zeros((len(state.time), k))

@@ -1,0 +1,319 @@
+"""What one axis did and carries along in one part: the state that mechanisms act on.
+
+In:  recordings in production order, one axis.
+Out: `AxisState` per part: motion, memory (held direction, way since the last reversal, wear, clock), load, surroundings.
+What a recording cannot give is None, and mechanisms that need it do not apply; nothing is guessed. Two things are
+derived where they are missing: speed from position and acceleration from speed, by central differences. Only the
+simulated, never the recorded current is needed here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pido.core.arrays import Array1D, Bool1D, Float1D
+from pido.core.axes import AXES, LINEAR_AXES
+from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
+from pido.core.machining import Machine
+from pido.core.recording import Recording
+from pido.diagnosis.faults import faulty
+from pido.physics.friction import held_direction
+
+_LINEAR_DEAD_BAND = 0.02  # mm/s
+_SPINDLE_DEAD_BAND = 6.0  # deg/s
+_NOISE_FACTOR = 5.0  # of a speed's noise at standstill: a larger speed is motion
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Motion of another axis, (n,) each: mm/s, mm/s² (spindle deg/s, deg/s²), -1/0/+1, bool."""
+
+    v: Float1D
+    a: Float1D
+    held: Float1D
+    moving: Bool1D
+
+
+@dataclass(frozen=True, eq=False)
+class AxisState:
+    """One axis of one part, (n,) each unless said otherwise. Optional fields are None where the data do not give them.
+
+    held : sign of the last real motion, 0 while unknown; moving : |v| above the dead band
+    since_reversal : mm (deg) travelled, and since_reversal_s : s passed, since the last reversal; inf before the first
+    segment : number of reversals so far
+    force, force_perp : N, process force along the axis and across it; m_sp : N·m; mrr : mm³/s; ar : mm²
+    engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it
+    cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
+    clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
+    wx, wy, wz : mm from the centre (top) of the workpiece; workpiece_size : its (x, y) size, mm
+    lead : ball screw lead, mm; vertical : True where gravity acts along the axis
+    sim, curr : A, simulated and recorded current; usable : rows that may be fitted
+    """
+
+    axis: str
+    part: str
+    time: Float1D
+    dt: float
+    pos: Float1D | None
+    v: Float1D
+    a: Float1D
+    held: Float1D
+    moving: Bool1D
+    since_reversal: Float1D
+    since_reversal_s: Float1D
+    segment: Float1D
+    others: Mapping[str, Motion] = field(default_factory=dict)
+    force: Float1D | None = None
+    force_perp: Float1D | None = None
+    m_sp: Float1D | None = None
+    mrr: Float1D | None = None
+    ar: Float1D | None = None
+    engaged: Bool1D | None = None
+    edge_length: Float1D | None = None
+    coolant: Float1D | None = None
+    tool_id: Array1D | None = None
+    tool_mass: Float1D | None = None
+    cut_volume: Float1D | None = None
+    cut_time: Float1D | None = None
+    clock: Float1D | None = None
+    earlier: tuple[tuple[float, float], ...] | None = None
+    wx: Float1D | None = None
+    wy: Float1D | None = None
+    wz: Float1D | None = None
+    workpiece_size: tuple[float, float] | None = None
+    nc_line: Float1D | None = None
+    lead: float | None = None
+    vertical: bool | None = None
+    sim: Float1D | None = None
+    curr: Float1D | None = None
+    usable: Bool1D = field(default_factory=lambda: np.zeros(0, bool))
+
+
+def axis_state(recording: Recording, axis: str, machine: Machine | None = None) -> AxisState:
+    """The state of one axis in one part, without what earlier parts left behind."""
+    return axis_states([recording], axis, machine)[0]
+
+
+def axis_states(recordings: Sequence[Recording], axis: str, machine: Machine | None = None) -> tuple[AxisState, ...]:
+    """The state of one axis in every part; wear and the machine's clock are carried from part to part.
+
+    recordings : in production order
+    machine : gives dead bands, leads and the vertical axis where a part's own data do not
+    """
+    worn: dict[str, tuple[float, float]] = {}
+    past: list[tuple[float, float]] = []
+    clock_known = True
+    states = []
+    for recording in recordings:
+        clock_known &= recording.part.start_time_s is not None
+        states.append(_state(recording, axis, machine, worn, tuple(past) if clock_known else None))
+        start = recording.part.start_time_s
+        if start is not None:
+            past.append((start, start + float(recording.time[-1])))
+    return tuple(states)
+
+
+def _state(
+    recording: Recording,
+    axis: str,
+    machine: Machine | None,
+    worn: dict[str, tuple[float, float]],
+    earlier: tuple[tuple[float, float], ...] | None,
+) -> AxisState:
+    time = recording.time
+    motions = {a: m for a in AXES if (m := motion(recording, a, machine)) is not None}
+    own = motions.pop(axis, None)
+    if own is None:
+        zero = np.zeros(len(time))
+        own = Motion(zero, zero, zero, zero.astype(bool))
+    pos = _numbers(recording, POSITION[axis])
+    since, since_s, segment = _since_reversal(time, own, pos)
+    forces = {a: f for a in LINEAR_AXES if (f := _numbers(recording, FORCE_SIM[a])) is not None}
+    across = [f for a, f in forces.items() if a != axis]
+    m_sp, mrr = _numbers(recording, "m_sp_sim"), _numbers(recording, "mrr_sim")
+    engaged = _engaged(mrr, m_sp, forces)
+    info = recording.part
+    tool = _tool(recording)
+    volume, in_cut = _wear(recording, tool, mrr, engaged, worn)
+    piece = info.workpiece
+    center = None if piece is None else piece.center_xy_mm
+    top = None if piece is None else piece.top_z_mm
+    pos_x, pos_y, pos_z = (_numbers(recording, POSITION[a]) for a in LINEAR_AXES)
+    lead = info.ball_screw_lead_mm.get(axis)
+    vertical = info.vertical_axis
+    if machine is not None:
+        lead = machine.ball_screw_lead_mm.get(axis) if lead is None else lead
+        vertical = machine.vertical_axis if vertical is None else vertical
+    clock = None if info.start_time_s is None else info.start_time_s + time
+    usable = np.isfinite(own.v) & np.isfinite(own.a) & ~faulty(recording, axis)
+    return AxisState(
+        axis=axis,
+        part=info.part,
+        time=time,
+        dt=float(np.median(np.diff(time))) if len(time) > 1 else 0.0,
+        pos=pos,
+        v=own.v,
+        a=own.a,
+        held=own.held,
+        moving=own.moving,
+        since_reversal=since,
+        since_reversal_s=since_s,
+        segment=segment,
+        others=motions,
+        force=forces.get(axis),
+        force_perp=np.sqrt(np.sum(np.square(across), axis=0)) if len(across) == (2 if axis in LINEAR_AXES else 3) else None,
+        m_sp=m_sp,
+        mrr=mrr,
+        ar=_area_removal(mrr, own, motions, axis),
+        engaged=engaged,
+        edge_length=_operation(recording, "a_p"),
+        coolant=c if (c := _numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
+        tool_id=tool,
+        tool_mass=_tool_mass(recording, tool),
+        cut_volume=volume,
+        cut_time=in_cut,
+        clock=clock,
+        earlier=earlier,
+        wx=None if center is None or pos_x is None else pos_x - center[0],
+        wy=None if center is None or pos_y is None else pos_y - center[1],
+        wz=None if top is None or pos_z is None else pos_z - top,
+        workpiece_size=None if piece is None else piece.size_xy_mm,
+        nc_line=_numbers(recording, "nc_line"),
+        lead=lead,
+        vertical=None if vertical is None else vertical == axis,
+        sim=_numbers(recording, CURRENT_SIM[axis]),
+        curr=_numbers(recording, CURRENT[axis]),
+        usable=usable,
+    )
+
+
+def motion(recording: Recording, axis: str, machine: Machine | None = None) -> Motion | None:
+    """Speed, acceleration and direction of one axis, derived where the recording lacks them; None without any motion."""
+    v, a, pos = (_numbers(recording, c[axis]) for c in (VELOCITY, ACCELERATION, POSITION))
+    if v is None:
+        if pos is None or len(recording) < 2:
+            return None
+        v = np.gradient(np.unwrap(pos, period=360.0) if axis == "sp" else pos, recording.time)
+    if a is None:
+        a = np.gradient(v, recording.time) if len(v) > 1 else np.zeros(len(v))
+    band = machine.dead_band(axis) if machine is not None else dead_band(v, axis)
+    return Motion(v, a, held_direction(v, band), np.abs(v) > band)
+
+
+def dead_band(v: Float1D, axis: str) -> float:
+    """Speed below which the axis stands still: five times the signal's own noise at standstill, at least the usual one.
+
+    Noise is read from second differences among the slow samples: a smooth motion has none. The band never exceeds a
+    twentieth of the speeds that occur, so that a noisy signal cannot hide slow motion altogether.
+    """
+    least = _LINEAR_DEAD_BAND if axis in LINEAR_AXES else _SPINDLE_DEAD_BAND
+    v = v[np.isfinite(v)]
+    if len(v) < 20:
+        return least
+    top = float(np.quantile(np.abs(v), 0.95))
+    bend = np.abs(np.diff(v, 2))[np.abs(v[1:-1]) < 0.05 * top]
+    noise = 1.4826 * float(np.median(bend)) / np.sqrt(6.0) if len(bend) >= 20 else 0.0
+    return float(max(least, min(_NOISE_FACTOR * noise, 0.05 * top)))
+
+
+def _since_reversal(time: Float1D, own: Motion, pos: Float1D | None) -> tuple[Float1D, Float1D, Float1D]:
+    known = own.held != 0
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    before = np.r_[0.0, np.where(last[:-1] >= 0, own.held[np.maximum(last[:-1], 0)], 0.0)]
+    turns = known & (before != 0) & (own.held != before)
+    at = np.maximum.accumulate(np.where(turns, np.arange(len(turns)), -1))
+    step = np.diff(time, prepend=time[:1])
+    if pos is None or own.v is None:
+        way = np.cumsum(np.abs(np.nan_to_num(own.v)) * own.moving * step)
+    else:
+        way = np.cumsum(np.abs(np.nan_to_num(np.diff(pos, prepend=pos[:1]))) * own.moving)
+    # The axis turned about half a sample before the first sample of the new direction.
+    origin = np.maximum(at - 1, 0)
+    since = np.where(at >= 0, way - (way[origin] + way[np.maximum(at, 0)]) / 2, np.inf)
+    since_s = np.where(at >= 0, time - (time[origin] + time[np.maximum(at, 0)]) / 2, np.inf)
+    return since, since_s, np.cumsum(turns).astype(float)
+
+
+def _engaged(mrr: Float1D | None, m_sp: Float1D | None, forces: Mapping[str, Float1D]) -> Bool1D | None:
+    load = mrr if mrr is not None else m_sp
+    if load is None:
+        if not forces:
+            return None
+        load = np.sqrt(np.sum(np.square(list(forces.values())), axis=0))
+    top = float(np.nanmax(np.abs(load), initial=0.0))
+    return np.abs(load) > 1e-6 * top
+
+
+def _area_removal(mrr: Float1D | None, own: Motion, others: Mapping[str, Motion], axis: str) -> Float1D | None:
+    moved = {**others, axis: own}
+    if mrr is None or any(a not in moved for a in LINEAR_AXES):
+        return None
+    speed = np.sqrt(sum(moved[a].v ** 2 for a in LINEAR_AXES))
+    return np.where(speed > _LINEAR_DEAD_BAND, mrr / np.maximum(speed, _LINEAR_DEAD_BAND), 0.0)
+
+
+def _tool(recording: Recording) -> Array1D | None:
+    """Tool per sample, as text: from the column, else from the tool changes of part.json."""
+    if "tool_id" in recording:
+        return np.array([_tool_key(v) for v in recording["tool_id"]], dtype=object)
+    changes = sorted(recording.part.tool_changes, key=lambda c: c.t)
+    tools = recording.part.tools
+    if not changes:
+        return np.full(len(recording), next(iter(tools)), dtype=object) if len(tools) == 1 else None
+    keys = np.array(["", *(_tool_key(c.tool_id) for c in changes)], dtype=object)
+    return keys[np.searchsorted([c.t for c in changes], recording.time, side="right")]
+
+
+def _tool_key(value: object) -> str:
+    return str(int(value)) if isinstance(value, (float, np.floating)) and float(value).is_integer() else str(value)
+
+
+def _tool_mass(recording: Recording, tool: Array1D | None) -> Float1D | None:
+    masses = {k: t.mass_kg for k, t in recording.part.tools.items() if t.mass_kg is not None}
+    if tool is None or not masses:
+        return None
+    keys, inverse = np.unique(tool.astype(str), return_inverse=True)
+    return np.array([masses.get(str(k), np.nan) for k in keys], float)[inverse]
+
+
+def _wear(
+    recording: Recording,
+    tool: Array1D | None,
+    mrr: Float1D | None,
+    engaged: Bool1D | None,
+    worn: dict[str, tuple[float, float]],
+) -> tuple[Float1D | None, Float1D | None]:
+    """Volume and time that the cutting edge has cut so far; `worn` carries them from part to part."""
+    if engaged is None:
+        return None, None
+    step = np.minimum(np.diff(recording.time, prepend=recording.time[:1]), 1.0)
+    keys = np.full(len(engaged), "", dtype=object) if tool is None else tool
+    cut = np.zeros(len(engaged)) if mrr is None else np.nan_to_num(mrr) * step
+    volume, seconds = np.zeros(len(engaged)), np.zeros(len(engaged))
+    for key in dict.fromkeys(keys):
+        rows = keys == key
+        about = recording.part.tools.get(str(key))
+        before = worn.get(str(key), (0.0, 0.0))
+        if about is not None and about.used_before is not None:
+            before = (about.used_before.cut_volume_mm3, about.used_before.cut_time_s)
+        volume[rows] = before[0] + np.cumsum(cut[rows])
+        seconds[rows] = before[1] + np.cumsum((engaged * step)[rows])
+        worn[str(key)] = (float(volume[rows][-1]), float(seconds[rows][-1]))
+    return (None if mrr is None else volume), seconds
+
+
+def _operation(recording: Recording, what: str) -> Float1D | None:
+    """An entry of the operations of part.json for every sample, by its NC block; NaN where no entry says."""
+    operations = sorted(recording.part.operations, key=lambda o: o.nc_line)
+    line = _numbers(recording, "nc_line")
+    if line is None or all(getattr(o, what) is None for o in operations):
+        return None
+    values = np.array([np.nan, *(np.nan if (x := getattr(o, what)) is None else float(x) for o in operations)])
+    return values[np.searchsorted([o.nc_line for o in operations], line, side="right")]
+
+
+def _numbers(recording: Recording, name: str) -> Float1D | None:
+    return np.asarray(recording[name], float) if name in recording else None
