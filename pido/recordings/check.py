@@ -12,7 +12,7 @@ import difflib
 from collections.abc import Callable
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import binary_dilation, median_filter
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
@@ -223,7 +223,7 @@ def _impossible(recording: Recording, machine: Machine | None) -> list[Fault]:
             v = recording[VELOCITY[axis]]
             beyond = np.abs(v) > v_max
             bad = beyond | spikes
-            around = bad | np.r_[bad[1:], False] | np.r_[False, bad[:-1]]
+            around = binary_dilation(bad, iterations=2)  # a was differenced from v, v from the position
             if bad.mean() > 0.2:
                 continue  # not single samples: `unit_slips` names the cause
             if bad.any():
@@ -285,10 +285,11 @@ def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
         flat = np.zeros(len(current), bool)
         for extreme in (known.max(), known.min()):
             top = current == extreme
-            near = np.abs(current - extreme) <= 0.01 * np.ptp(known)
+            near = current[(np.abs(current - extreme) <= 0.05 * np.ptp(known)) & ~top]
+            beside = int(np.unique(near, return_counts=True)[1].max()) if len(near) else 0
             runs = _run_length(top) >= 3
-            changes = np.mean(np.diff(known) != 0)
-            if runs.sum() >= 6 and top.sum() > 0.5 * near.sum() and changes > 0.5:
+            # A coarse scale repeats every value; a flat top repeats one. Zero is a drive at rest, not a limit.
+            if extreme != 0 and runs.sum() >= 6 and top.sum() > 5 * beside:
                 flat |= top
         if flat.any():
             share = flat.mean()

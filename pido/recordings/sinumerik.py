@@ -41,7 +41,31 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
-    header, messages = _open(path)
+    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    if (front := _front(data)) is not None:
+        try:
+            return _recording(front[0], _lines(data, front[1]), path, machine, channels)
+        except _OtherLayout:
+            pass  # valid JSON may be laid out otherwise; the parser of the whole file knows, and knows where it is cut
+    whole = _whole(data, path)
+    if not isinstance(whole, dict) or "Header" not in whole or not isinstance(whole.get("Payload"), list):
+        raise RecordingError(
+            f"{path}: a capture has 'Header' and a list 'Payload'; this JSON has not. Export it again."
+        )
+    return _recording(whole["Header"], iter(whole["Payload"]), path, machine, channels)
+
+
+class _OtherLayout(Exception):
+    """The payload is not one message per line."""
+
+
+def _recording(
+    header: dict[str, Any],
+    messages: Iterator[dict[str, Any]],
+    path: Path,
+    machine: str | None,
+    channels: Mapping[str, str],
+) -> Recording:
     signals = _signal_list(header, path)
     counter_at = next((i for i, s in enumerate(signals) if s.upper() == "CYCLE"), None)
     if counter_at is None:
@@ -76,28 +100,17 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
     return Recording(part=part, columns=data, notes=(*notes, *clock_notes, *found))
 
 
-def _open(path: Path) -> tuple[dict[str, Any], Iterator[dict[str, Any]]]:
-    """(header, messages). The line-wise way where the file has one message per line."""
-    data = path.read_bytes()
-    if data.startswith(b"\xef\xbb\xbf"):
-        data = data[3:]
+def _front(data: bytes) -> tuple[dict[str, Any], int] | None:
+    """(header, where the payload's messages begin) if the header stands before the payload."""
     key = data.find(b'"Payload"')
     begin = data.find(b"[", key)
-    if key > 0 and begin > 0 and data[key + 9 : begin].strip() == b":":
-        try:
-            front = orjson.loads(data[:key].rstrip().rstrip(b",") + b"}")
-        except orjson.JSONDecodeError:
-            front = {}
-        first_end = data.find(b"\n", begin + 1)
-        first = data[begin + 1 : first_end].strip() or data[first_end : data.find(b"\n", first_end + 1)].strip()
-        if "Header" in front and first.startswith(b"{") and first.rstrip(b",]").endswith(b"}"):
-            return front["Header"], _lines(data, begin + 1, path)
-    whole = _whole(data, path)
-    if not isinstance(whole, dict) or "Header" not in whole or not isinstance(whole.get("Payload"), list):
-        raise RecordingError(
-            f"{path}: a capture has 'Header' and a list 'Payload'; this JSON has not. Export it again."
-        )
-    return whole["Header"], iter(whole["Payload"])
+    if key < 0 or begin < 0 or data[key + 9 : begin].strip() != b":":
+        return None
+    try:
+        front = orjson.loads(data[:key].rstrip().rstrip(b",") + b"}")
+    except orjson.JSONDecodeError:
+        return None
+    return (front["Header"], begin + 1) if "Header" in front else None
 
 
 def _whole(data: bytes, path: Path) -> Any:
@@ -110,38 +123,32 @@ def _whole(data: bytes, path: Path) -> Any:
         ) from None
 
 
-def _lines(data: bytes, begin: int, path: Path) -> Iterator[dict[str, Any]]:
-    """The messages after the opening bracket of the payload, one per line."""
-    end = len(data)
-    while begin < end:
+def _lines(data: bytes, begin: int) -> Iterator[dict[str, Any]]:
+    """The messages of the payload, one per line. Raises _OtherLayout at the first line that is none."""
+    while begin < len(data):
         stop = data.find(b"\n", begin)
-        stop = end if stop < 0 else stop
-        line = data[begin:stop].strip()
+        stop = len(data) if stop < 0 else stop
+        line = data[begin:stop].strip().rstrip(b", ")
         begin = stop + 1
-        if not line or line == b",":
+        if not line:
             continue
-        if line.startswith(b"]"):
+        if line == b"]" or line.startswith((b"],", b"]}")):
             return
+        last = False
         try:
-            message = orjson.loads(line.rstrip(b","))
-            last = False
+            message = orjson.loads(line)
         except orjson.JSONDecodeError:
-            last = line.rstrip(b" ,").endswith(b"]")
-            if not last:
-                message = None
-            else:
-                try:
-                    message = orjson.loads(line.rstrip(b" ,")[:-1])
-                except orjson.JSONDecodeError:
-                    message = None
+            last = line.endswith(b"]")
+            try:
+                message = orjson.loads(line.removesuffix(b"]"))
+            except orjson.JSONDecodeError:
+                raise _OtherLayout from None
         if not isinstance(message, dict):
-            # Not one message per line after all, or cut off: the parser of the whole file knows which and where.
-            _whole(data, path)
-            raise RecordingError(f"{path}: a message of the payload is spread over lines; format it one per line.")
+            raise _OtherLayout
         yield message
         if last:
             return
-    _whole(data, path)
+    raise _OtherLayout
 
 
 def _signal_list(header: Mapping[str, Any], path: Path) -> dict[str, str]:

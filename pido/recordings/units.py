@@ -28,6 +28,7 @@ _LINEAR = {
     1 / 25.4: "inch/s",
     60.0 / 25.4: "inch/min",
 }
+_LENGTH = {1e-3: "m", 1 / 25.4: "inch", 1e3: "µm", 0.1: "cm"}
 _ANGULAR = {1 / 6.0: "1/min", 1 / 360.0: "1/s", np.pi / 180.0: "rad/s", 60.0: "deg/min", 1 / 60.0: "deg/min²"}
 _LINEAR_A = {
     1e-3: "m/s²",
@@ -54,12 +55,13 @@ def unit_slips(recording: Recording, machine: Machine | None) -> list[Fault]:
         return [whole("unit_slip", TIME, what, advice, ERROR)]
     for axis, ratio in ratios.items():
         table = _LINEAR if axis in LINEAR_AXES else _ANGULAR
-        if (found := _known(ratio, table)) is not None:
+        other = _acceleration_ratio(recording, axis)
+        position = _known(1 / ratio, _LENGTH) if axis in LINEAR_AXES else None
+        # A thousandfold v over dp/dt is v in µm/s or the position in m; where a agrees with v, the position is wrong.
+        if position is not None and other is not None and abs(other - 1) < 0.1:
+            faults.append(_fault(POSITION[axis], 1 / ratio, "what its speed adds up to", position[1]))
+        elif (found := _known(ratio, table)) is not None:
             faults.append(_fault(VELOCITY[axis], ratio, "the derivative of its position", found[1]))
-        elif (found := _known(1 / ratio, {1e-3: "m", 1 / 25.4: "inch", 1e3: "µm"})) and axis in LINEAR_AXES:
-            faults.append(_fault(POSITION[axis], 1 / ratio, "what its speed adds up to", found[1]))
-        else:
-            continue
     slipped = {f.column for f in faults}
     for axis in AXES:
         if VELOCITY[axis] in slipped:

@@ -1,0 +1,171 @@
+"""A good recording has no faults; each damage done to it is found, where it was done, and nothing else is."""
+
+import numpy as np
+import pytest
+
+from pido import config
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.recordings import read_recording
+from pido.recordings.check import check, usable_mask
+
+N, RATE = 3000, 50.0
+
+
+def _good(rng=None):
+    """Sinusoidal motion with exact derivatives, a spindle at 3000 rpm, and currents with noise."""
+    rng = rng or np.random.default_rng(0)
+    t = np.arange(N) / RATE
+    columns = {"time": t}
+    for i, axis in enumerate("xyz"):
+        w, r = 0.9 + 0.4 * i, 20.0 + 5 * i
+        columns[f"pos_{axis}"] = 200 + r * np.sin(w * t)
+        columns[f"v_{axis}"] = r * w * np.cos(w * t)
+        columns[f"a_{axis}"] = -r * w**2 * np.sin(w * t)
+        columns[f"curr_{axis}"] = 2 * np.tanh(columns[f"v_{axis}"]) + 0.05 * rng.normal(size=N)
+    columns["v_sp"] = 18000.0 + 200 * np.sin(0.3 * t)
+    columns["a_sp"] = 60 * np.cos(0.3 * t)
+    columns["pos_sp"] = 18000.0 * t - 200 / 0.3 * np.cos(0.3 * t)
+    columns["curr_sp"] = 1.0 + 0.05 * rng.normal(size=N)
+    return Recording(PartInfo(part="p", machine="m"), columns)
+
+
+def _spoiled(name, change, rows=slice(None)):
+    good = _good()
+    values = good[name].copy()
+    values[rows] = change(values[rows])
+    return good.with_columns(**{name: values})
+
+
+@pytest.mark.parametrize("machine", [None, "dmc60h"])
+def test_a_good_recording_has_no_faults(machine):
+    assert check(_good(), config.machine(machine) if machine else None) == ()
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "unit"),
+    [
+        ("v_x", 60.0, "mm/min"),
+        ("v_y", 1e-3, "m/s"),
+        ("v_sp", 1 / 6, "1/min"),
+        ("v_sp", 1 / 360, "1/s"),
+        ("v_sp", np.pi / 180, "rad/s"),
+        ("a_x", 1e-3, "m/s²"),
+        ("pos_z", 1e-3, "m"),
+        ("pos_y", 1 / 25.4, "inch"),
+        ("time", 1e3, "ms"),
+    ],
+)
+def test_a_unit_slip_is_named_with_its_column_and_unit(column, factor, unit):
+    faults = check(_spoiled(column, lambda v: v * factor))
+    slips = [f for f in faults if f.kind == "unit_slip"]
+    assert [f.column for f in slips] == [column]
+    assert unit in slips[0].advice
+    assert slips[0].severity == "error"
+
+
+def test_currents_in_milliampere_are_beyond_the_drive():
+    table = config.machine_config("dmc60h")
+    x = table.x.model_copy(update={"current_max_a": 20.0})
+    machine = table.model_copy(update={"x": x}).build("m")
+    faults = check(_spoiled("curr_x", lambda c: c * 1000), machine)
+    assert [(f.kind, f.column) for f in faults] == [("unit_slip", "curr_x")]
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "rows", "kind"),
+    [
+        ("curr_x", lambda c: np.full_like(c, np.nan), slice(100, 120), "missing_value"),
+        ("curr_y", lambda c: np.full_like(c, c[0]), slice(500, 700), "frozen"),
+        ("pos_x", lambda p: np.full_like(p, p[0]), slice(100, 160), "frozen"),
+        ("v_sp", lambda v: v * 0 + 9e6, slice(1000, 1004), "counter_reset"),
+        ("v_x", lambda v: v * 0 + 9e4, slice(1000, 1002), "impossible_speed"),
+        ("curr_z", lambda c: np.clip(c, -2.03, 2.03), slice(None), "clipped"),
+    ],
+)
+def test_damage_is_found_where_it_was_done_and_its_samples_are_left_out(column, change, rows, kind):
+    recording = _spoiled(column, change, rows)
+    damaged = np.zeros(N, bool)
+    damaged[rows] = True
+    if kind == "clipped":
+        damaged = np.abs(recording[column]) == 2.03
+    faults = check(recording)
+    found = [f for f in faults if f.kind == kind and f.column == column]
+    assert len(found) == 1
+    assert found[0].severity == "warning"
+    wrong = found[0].mask ^ damaged
+    assert wrong.sum() <= 0.02 * damaged.sum() + 1
+    assert not (usable_mask(recording, faults) & found[0].mask).any()
+    assert usable_mask(recording, faults)[~damaged].mean() > 0.99
+
+
+def test_a_dead_channel_is_named():
+    faults = check(_spoiled("curr_z", lambda c: c * 0))
+    assert [(f.kind, f.column) for f in faults] == [("constant", "curr_z")]
+
+
+@pytest.mark.parametrize(("step", "kind"), [(-3.0, "time_backward"), (-0.02, "time_repeated")])
+def test_time_that_does_not_advance_is_an_error(step, kind):
+    faults = check(_spoiled("time", lambda t: t + step, slice(700, None)))
+    assert [f.kind for f in faults if f.severity == "error"] == [kind]
+    assert faults[0].rows == 1
+
+
+def test_a_gap_is_found_with_its_length():
+    faults = check(_good().rows(np.r_[0:1000, 1200:N]))
+    assert [f.kind for f in faults] == ["gap"]
+    assert "4.02 s" in faults[0].what
+
+
+def test_rows_in_shuffled_packets_are_an_error():
+    good = _good()
+    order = np.random.default_rng(3).permutation(N // 10)
+    rows = (order[:, None] * 10 + np.arange(10)).ravel()
+    shuffled = good.rows(rows).with_columns(time=good.time)
+    assert any(f.kind == "shuffled" and f.severity == "error" for f in check(shuffled))
+
+
+def test_a_row_written_twice_is_left_out_once():
+    good = _good()
+    twice = good.rows(np.r_[0:500, 499, 500:N]).with_columns(time=np.arange(N + 1) / RATE)
+    faults = [f for f in check(twice) if f.kind == "duplicate"]
+    assert np.flatnonzero(faults[0].mask).tolist() == [500]
+
+
+def test_all_faults_are_listed_at_once():
+    bad = _spoiled("v_x", lambda v: v * 60).with_columns(pos_q=np.zeros(N))
+    columns = {k: v for k, v in bad.columns.items() if k != "curr_y"}
+    columns["curr_z"] = np.where(np.arange(N) < 5, np.nan, columns["curr_z"])
+    faults = check(Recording(bad.part, columns))
+    assert {(f.kind, f.column) for f in faults} == {
+        ("unit_slip", "v_x"),
+        ("unknown_column", "pos_q"),
+        ("missing_column", "curr_y"),
+        ("missing_value", "curr_z"),
+    }
+    assert not usable_mask(bad, faults).any()
+
+
+def test_a_tool_that_never_cuts_is_an_error_unless_it_is_an_air_cut():
+    recording = _good().with_columns(mrr_sim=np.zeros(N))
+    assert check(recording) == ()
+    assert [f.kind for f in check(recording, air_cut=False)] == ["never_engaged"]
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 10])
+def test_too_few_samples_are_an_error(n):
+    assert any(f.kind == "too_short" and f.severity == "error" for f in check(_good().rows(slice(0, n))))
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("machine", [None, "dmc60h"])
+def test_the_spindle_resets_of_the_published_air_cut_are_found_and_little_else_is(real_data, machine):
+    recording = read_recording(real_data / "kit_dmc60h" / "S235JR_part2_aircut_1.csv")
+    faults = check(recording, config.machine(machine) if machine else None)
+    assert {f.kind for f in faults} == {"counter_reset"}
+    lost = ~usable_mask(recording, faults)
+    impossible = np.abs(recording["v_sp"]) > 30_000  # 24 samples; the program turns at 3200 rpm at most
+    assert impossible.sum() == 24
+    assert lost[impossible].all()
+    assert lost[np.abs(recording["a_sp"]) > 1e5].all()
+    assert lost.sum() <= 60

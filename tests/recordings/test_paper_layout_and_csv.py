@@ -1,0 +1,116 @@
+"""Files written in the published layouts, with known content."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pido.core.errors import RecordingError
+from pido.recordings import read_recording, recognise
+
+N = 200
+
+
+def _trial(root, *, encoders=True, header=True, events=True, spindle="S1"):
+    folder = root / "IMP-01" / "processed_data"
+    folder.mkdir(parents=True)
+    k = np.arange(N)
+    table = {"CYCLE": 7000 + k}
+    axis = {1: "X1", 2: "Y1", 3: "Z1", 6: spindle}
+    for n in axis:
+        table[f"DES_POS|{n}"] = n + 0.01 * n * k
+        if encoders:
+            table[f"ENC_POS|{n}"] = n + 0.01 * n * k + 0.001
+            table[f"LOAD|{n}"] = 0.0 * k
+        table[f"CURRENT|{n}"] = n + 0.0 * k
+    pd.DataFrame(table).to_csv(folder / "IMP-01_hfdata.csv", index=False)
+    if header:
+        rows = [(name, "DOUBLE", axis[int(name[-1])], name) for name in table if "|" in name]
+        pd.DataFrame(rows, columns=["SignalName", "Type", "Axis", "Address"]).to_csv(
+            folder / "IMP-01_header.csv", index=False
+        )
+    if events:
+        pd.DataFrame(
+            {"HFProbeCounter": [7100, 7000, 7150], "GCode": ["N2 G1 X1", "N1 G0", "N1 G0"], "Unused": 1}
+        ).to_csv(folder / "IMP-01_hfblockevent.csv", index=False)
+    return root / "IMP-01"
+
+
+@pytest.mark.parametrize("header", [True, False])
+def test_a_trial_reads_by_its_header_and_without_one_by_axis_numbers(tmp_path, header):
+    folder = _trial(tmp_path, header=header)
+    for path in (folder, folder / "processed_data" / "IMP-01_hfdata.csv"):
+        recording = read_recording(path)
+        assert recording.part.part == "IMP-01"
+        assert recording.sample_rate_hz == pytest.approx(500.0)
+        np.testing.assert_allclose(recording["pos_z"], 3.001 + 0.03 * np.arange(N))
+        np.testing.assert_allclose(recording["v_z"], 15.0)  # 0.03 mm in 2 ms
+        assert (recording["curr_sp"] == 6.0).all()
+        np.testing.assert_array_equal(recording["nc_line"], np.repeat([1, 2, 1], [100, 50, 50]))
+
+
+def test_a_trial_without_encoders_takes_commanded_positions_and_says_so(tmp_path):
+    recording = read_recording(_trial(tmp_path, encoders=False))
+    np.testing.assert_allclose(recording["pos_x"], 1 + 0.01 * np.arange(N))
+    assert any("pos_x is DES_POS" in note for note in recording.notes)
+
+
+def test_a_cell_that_is_no_number_is_one_clear_error(tmp_path):
+    folder = _trial(tmp_path)
+    file = folder / "processed_data" / "IMP-01_hfdata.csv"
+    file.write_text(file.read_text().replace("7050,", "7050x,"))
+    with pytest.raises(RecordingError, match=r"IMP-01_hfdata\.csv.*7050x"):
+        read_recording(folder)
+
+
+def test_two_trials_in_a_folder_are_not_one_part(tmp_path):
+    folder = _trial(tmp_path)
+    file = folder / "processed_data" / "IMP-01_hfdata.csv"
+    (file.parent / "IMP-02_hfdata.csv").write_bytes(file.read_bytes())
+    with pytest.raises(RecordingError, match="IMP-02"):
+        read_recording(folder)
+
+
+def test_published_names_become_the_contracts_names(tmp_path):
+    file = tmp_path / "part.csv"
+    frame = pd.DataFrame({"pos_x": np.arange(60.0), "curr_x": 1.0, "f_x": 5.0, "materialremoved": 2.0, "v_x_sim": 0.0})
+    frame.to_csv(file)
+    recording = read_recording(file)
+    assert (recording["f_x_sim"] == 5.0).all()
+    assert (recording["mrr_sim"] == 2.0).all()
+    np.testing.assert_allclose(recording["v_x"], 50.0)  # 1 mm per 20 ms
+    assert any("v_x_sim" in note for note in recording.notes)
+
+
+@pytest.mark.real
+def test_the_published_air_cut_is_read_unchanged(real_data):
+    path = real_data / "kit_dmc60h" / "S235JR_part2_aircut_1.csv"
+    recording, frame = read_recording(path), pd.read_csv(path)
+    for name in ("pos_x", "v_sp", "a_z", "curr_y"):
+        np.testing.assert_array_equal(recording[name], frame[name])
+    assert recording.sample_rate_hz == pytest.approx(50.0)
+
+
+@pytest.mark.real
+def test_the_published_equation_of_the_servo_axis_holds_on_its_recording(real_data):
+    """Janot et al.: M a + Fv v + Fc sgn(v) + offset; parameters found again from pos and force, in N, mm and s."""
+    from pido.recordings.resample import resample
+
+    recording = resample(read_recording(real_data / "emps" / "DATA_EMPS.mat"), 100.0)
+    v, a = recording["v_x"] / 1000, recording["a_x"] / 1000
+    X = np.column_stack([a, v, np.sign(v), np.ones_like(v)])
+    found, *_ = np.linalg.lstsq(X, recording["curr_x"], rcond=None)
+    np.testing.assert_allclose(found, [95.1089, 203.5034, 20.3935, -3.1648], rtol=0.03)
+
+
+def test_empty_missing_and_foreign_files_are_refused_by_name(tmp_path):
+    (tmp_path / "empty.csv").touch()
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "song.mp3").write_bytes(b"ID3" * 100)
+    for name, why in {
+        "empty.csv": "empty",
+        "folder": "empty",
+        "song.mp3": "not a recording",
+        "nowhere": "no such file",
+    }.items():
+        with pytest.raises(RecordingError, match=why):
+            recognise(tmp_path / name)
