@@ -25,7 +25,7 @@ from pydantic import (
 
 from pido.core.axes import LINEAR_AXES
 from pido.core.errors import SettingsError
-from pido.core.machining import AxisLimits, Machine, Material, Stock, Tool
+from pido.core.machining import AxisLimits, Job, Machine, Material, MeshStock, Stock, Tool
 
 if TYPE_CHECKING:
     from pido.sampling.method import Method
@@ -85,6 +85,46 @@ class StockConfig(_Settings):
 
     def build(self) -> Stock:
         return Stock(**self.model_dump())
+
+
+class MeshStockConfig(_Settings):
+    mesh: str = Field(
+        min_length=1, description="mesh of the raw part (STL, OBJ, PLY, OFF), mm; relative to the job file"
+    )
+    offset_mm: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="its shift into machine coordinates, mm"
+    )
+
+    def build(self, folder: Path) -> MeshStock:
+        return MeshStock(str(folder / self.mesh), self.offset_mm)
+
+
+class JobConfig(_Settings):
+    """What is cut with what, on which machine: one file, given to `simulate`, `plan` and `iterate`."""
+
+    machine: str = Field(description="name of the machine's settings")
+    material: str | None = Field(default=None, description="name of a material; needed where there is a raw part")
+    machines: str | None = Field(default=None, description="file of own machines, relative to the job file")
+    materials: str | None = Field(default=None, description="file of own materials, relative to the job file")
+    stock: dict[str, Any] | None = Field(default=None, description="block or mesh; left out for an air cut")
+    tools: dict[str, ToolConfig] = Field(min_length=1, description="by the name in the NC program")
+    grid_mm: PositiveFloat = Field(default=0.1, le=2.0, description="edge of a cell of the height map, mm")
+    rate_hz: PositiveFloat = Field(default=50.0, le=1000.0, description="samples per second of a planned motion")
+    teeth: Literal["one", "mean"] = Field(default="one", description="force of one tooth (paper), or of all in the cut")
+    start: tuple[float, float, float] | None = Field(default=None, description="tool tip before the first move, mm")
+    zero_offsets: dict[str, tuple[float, float, float]] | None = Field(
+        default=None, description="of G54 and so on, in machine coordinates, mm; left out: 0"
+    )
+    subprograms: str | None = Field(default=None, description="folder of subprograms, relative to the job file")
+    dynamics: dict[str, float | bool] | None = Field(
+        default=None, description="servo gain, stop window and so on of the machine (process.motion.Dynamics)"
+    )
+
+    @model_validator(mode="after")
+    def _material_for_stock(self) -> JobConfig:
+        if self.stock is not None and self.material is None:
+            raise ValueError("a stock needs its material")
+        return self
 
 
 class AxisConfig(_Settings):
@@ -239,6 +279,37 @@ def machine(name: str, own: Path | None = None) -> Machine:
 def machine_config(name: str, own: Path | None = None) -> MachineConfig:
     """The settings behind `machine`, with the names of the axes in the control's recordings."""
     return _named(MachineConfig, "machine", name, _shipped("machines.toml"), own)
+
+
+def load_job(path: Path) -> Job:
+    """A job file (TOML): machine, material, tools, raw part, and how to simulate.
+
+    Raises SettingsError with every fault of the file and its place.
+    """
+    where = str(path)
+    config = parse(JobConfig, read_toml(path), where)
+    folder = path.parent
+    stock: Stock | MeshStock | None = None
+    if config.stock is not None:
+        if "mesh" in config.stock:
+            stock = parse(MeshStockConfig, config.stock, f"{where}: [stock]").build(folder)
+        else:
+            stock = parse(StockConfig, config.stock, f"{where}: [stock]").build()
+    return Job(
+        machine=machine(config.machine, folder / config.machines if config.machines else None),
+        material=None
+        if config.material is None
+        else material(config.material, folder / config.materials if config.materials else None),
+        tools={name: tool.build(name) for name, tool in config.tools.items()},
+        stock=stock,
+        grid_mm=config.grid_mm,
+        rate_hz=config.rate_hz,
+        teeth=config.teeth,
+        start=config.start,
+        zero_offsets=config.zero_offsets,
+        subprograms=str(folder / config.subprograms) if config.subprograms else None,
+        dynamics=config.dynamics,
+    )
 
 
 def shipped(kind: Literal["materials", "machines"]) -> tuple[str, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from pido.core.axes import LINEAR_AXES
 
@@ -81,3 +83,20 @@ class Machine:
     def dead_band(self, axis: str) -> float:
         """Speed below which `axis` stands still: mm/s, spindle deg/s."""
         return self.axes[axis].dead_band if axis in LINEAR_AXES else self.spindle_dead_band_deg_s
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is cut with what, on which machine, and how the simulation of it runs."""
+
+    machine: Machine
+    tools: Mapping[str, Tool]
+    material: Material | None = None
+    stock: Stock | MeshStock | None = None  # None: an air cut
+    grid_mm: float = 0.1
+    rate_hz: float = 50.0
+    teeth: Literal["one", "mean"] = "one"
+    start: tuple[float, float, float] | None = None
+    zero_offsets: Mapping[str, tuple[float, float, float]] | None = None
+    subprograms: str | None = None
+    dynamics: Mapping[str, float | bool] | None = None

@@ -38,6 +38,8 @@ from pido.process.removal import Removal, raw_part, remove, tool_of_each_sample
 from pido.process.steps import Steps
 
 Teeth = Literal["one", "mean"]
+ENGAGEMENT = ("a_p", "a_e", "phi_s")
+"""Columns beside the contract's."""
 TRACE_MM3 = 1e-3
 """A step that removes less is a touch within the accuracy of the path, not a cut."""
 

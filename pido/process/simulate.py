@@ -7,13 +7,15 @@ Out: `Recording` in the contract's columns, without currents; every sample knows
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pido.core.columns import PROCESS
-from pido.core.machining import Machine, Material, MeshStock, Stock, Tool
+from pido.core.errors import SettingsError
+from pido.core.machining import Job, Machine, Material, MeshStock, Stock, Tool
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.nc import interpret
@@ -68,6 +70,33 @@ def simulate_program(
         return as_air_cut(recording)
     return process_quantities(
         recording, stock=raw, tools=tools, material=material, machine=machine, grid_mm=grid_mm, teeth=teeth
+    )
+
+
+def simulate_job(program: Path | str, job: Job, part: PartInfo | None = None) -> Recording:
+    """`simulate_program` with everything that a job file says.
+
+    Raises as it does, and SettingsError for dynamics that `process.motion.Dynamics` does not have.
+    """
+    given: dict[str, Any] = dict(job.dynamics or {})
+    known = {f.name for f in fields(Dynamics)}
+    if set(given) - known:
+        unknown = ", ".join(sorted(set(given) - known))
+        raise SettingsError(f"dynamics: {unknown} not known. Known: {', '.join(sorted(known))}.")
+    return simulate_program(
+        program,
+        machine=job.machine,
+        tools=job.tools,
+        material=job.material,
+        stock=job.stock,
+        part=part,
+        rate_hz=job.rate_hz,
+        grid_mm=job.grid_mm,
+        start=job.start,
+        zero_offsets=job.zero_offsets,
+        subprograms=Path(job.subprograms) if job.subprograms else None,
+        dynamics=Dynamics(**given),
+        teeth=job.teeth,
     )
 
 
