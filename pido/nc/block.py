@@ -66,6 +66,7 @@ class Executor:
         self.tools, self.zero_offsets, self.reference, self.m6_changes = tools, zero_offsets, reference, m6_changes
         self.offsets: dict[str, np.ndarray] = {k.upper(): np.array(v, float) for k, v in (zero_offsets or {}).items()}
         self.position: list[float] = list(start) if start is not None else [math.nan] * 3
+        self.first = list(self.position)
         self.line, self.step, self.program = 0, 0, 0
         self.motion: float | str = 0
         self.plane = 17
@@ -598,7 +599,7 @@ class Executor:
     def _last_direction(self) -> tuple[float, float]:
         u, v, _ = PLANES[self.plane]
         rows = self.path.rows
-        if len(rows) < 2 or self.side in (41, 42):
+        if not rows or self.side in (41, 42):
             raise ValueError("CT needs a move before it, without tool radius compensation")
         if (circle := self.path.circles.get(len(rows) - 1)) is not None:
             tangent = [
@@ -606,7 +607,7 @@ class Executor:
                 for p, q in zip(circle.e1, circle.e2, strict=True)
             ]
         else:
-            tangent = [b - a for a, b in zip(rows[-2][:3], rows[-1][:3], strict=True)]
+            tangent = [b - a for a, b in zip(rows[-2][:3] if len(rows) > 1 else self.first, rows[-1][:3], strict=True)]
         if math.hypot(tangent[u], tangent[v]) < 1e-12 or math.isnan(tangent[u] + tangent[v]):
             raise ValueError("CT needs a move in the working plane before it")
         return tangent[u], tangent[v]

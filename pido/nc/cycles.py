@@ -260,9 +260,9 @@ def _pocket(pen: Pen, a: dict[str, Any], half: float, ring: Callable[[float, flo
     if int(a["CDIR"] or 0) == 3:
         clockwise = False
     rings = max(1, math.ceil((half - outer) / stepover - 1e-9))
-    insets = (
-        [outer] if finish and wall and not floor else [half - (half - outer) * (i + 1) / rings for i in range(rings)]
-    )
+    insets = [half - (half - outer) * i / rings for i in range(rings + 1)]  # the first one is the line in the middle
+    if finish and wall and not floor:
+        insets = [outer]
     plane_rate, depth_rate = _per_second(a["FFP1"]), _per_second(a["FFD"])
     pen.rapid(w=max(retract, pen.position[2]) if down > 0 else min(retract, pen.position[2]))
     for i in range(passes):

@@ -118,7 +118,8 @@ class _Library:
                     )
                 else:
                     self.programs[called] = found
-                    waiting.append(found)
+                    if found.name not in self.order and all(p is not found for p in waiting):
+                        waiting.append(found)
         if faults:
             raise ProgramError(f"{len(faults)} fault(s), nothing was executed:\n" + "\n".join(faults))
         return sections[0]

@@ -255,6 +255,8 @@ def _check_words(program: Program) -> list[tuple[int, str]]:
         if not isinstance(s, Statement):
             continue
         if s.pairs is not None:
+            if ("M", 98.0) in s.pairs:
+                program.calls.setdefault(f"L{dict(s.pairs).get('P', 0.0):g}", s.line)
             faults += [
                 (s.line, fault) for letter, value in s.pairs if (fault := _unknown(letter, value, program.neutral))
             ]

@@ -39,9 +39,7 @@ class FollowedPath:
     segment: Int1D
 
 
-def follow(
-    toolpath: Toolpath, positions: Float2D, shift_mm: Float1D | None = None, rounds: int = 5
-) -> FollowedPath:
+def follow(toolpath: Toolpath, positions: Float2D, shift_mm: Float1D | None = None, rounds: int = 5) -> FollowedPath:
     """Lay recorded positions (n, 3) mm along the feed moves of a program.
 
     `shift_mm`: programmed minus recorded, where it is known; else the middle of the feed path's box is laid on that of the
@@ -80,7 +78,9 @@ def follow(
     return found
 
 
-def block_times(toolpath: Toolpath, time: Float1D, positions: Float2D, shift_mm: Float1D | None = None) -> tuple[Int1D, Float1D]:
+def block_times(
+    toolpath: Toolpath, time: Float1D, positions: Float2D, shift_mm: Float1D | None = None
+) -> tuple[Int1D, Float1D]:
     """Executed feed blocks that follow each other, and when each border between them was passed.
 
     Returns block numbers (b,) and times (b + 1,) s; a border that was not passed is NaN. A border's time is the mean of the
@@ -187,12 +187,21 @@ def box_mean(values: Float2D, width: float) -> Float2D:
 
 
 def _first_shift(path: Toolpath, positions: Float2D) -> Float1D:
-    """Programmed minus recorded from the boxes of the feed path and of the recording's slow moves."""
+    """Programmed minus recorded from the boxes of the feed path and of the recording's long stretches at feed speed."""
     step = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    moving = step > 1e-4
-    slow = np.concatenate([[False], moving & (step < 3 * np.median(step[moving]))]) if moving.any() else np.ones(len(positions), bool)
-    # The depth at which most of the run takes place, then the box there.
-    low, high = np.percentile(positions[slow], [0.5, 99.5], axis=0)
+    moving = step > 1e-3 * step.max(initial=0.0)
+    if not moving.any():
+        raise RecordingError("the recording does not move: it cannot be laid along a program.")
+    typical = np.median(step[moving])
+    order = np.argsort(path.feed)
+    middle = order[np.searchsorted(np.cumsum((path.length / path.feed)[order]), 0.5 * np.sum(path.length / path.feed))]
+    fastest = 1.3 * typical * float(np.max(path.feed) / path.feed[middle])
+    feeding = np.concatenate([[False], (step > 0.01 * typical) & (step < fastest), [False]])
+    edges = np.flatnonzero(np.diff(feeding.astype(np.int8)))
+    first, last = edges[::2], edges[1::2]
+    long = last - first >= 0.1 * np.max(last - first, initial=1)
+    rows = np.concatenate([np.arange(a, b + 1) for a, b in zip(first[long], last[long], strict=True)])
+    low, high = positions[rows].min(axis=0), positions[rows].max(axis=0)
     points = np.vstack([path.start, path.end])
     return (points.min(axis=0) + points.max(axis=0)) / 2 - (low + high) / 2
 

@@ -63,7 +63,11 @@ class Motion:
         columns: dict[str, Array1D] = {TIME: self.time}
         for names, values in ((POSITION, self.pos), (VELOCITY, self.v), (ACCELERATION, self.a)):
             columns |= {names[axis]: np.ascontiguousarray(values[:, i]) for i, axis in enumerate(AXES)}
-        columns |= {"nc_line": self.nc_line.astype(float), "coolant": self.coolant.astype(float), "tool_id": self.tool_id}
+        columns |= {
+            "nc_line": self.nc_line.astype(float),
+            "coolant": self.coolant.astype(float),
+            "tool_id": self.tool_id,
+        }
         return Recording(part, columns, notes=("planned from the NC program",))
 
 
@@ -220,9 +224,7 @@ def _tangents(start: Float2D, end: Float2D, sag: Float2D) -> tuple[Float2D, Floa
     return _unit(chord - 4 * sag), _unit(chord + 4 * sag)
 
 
-def _rounded(
-    toolpath: Toolpath, stop: Bool1D, distance_mm: float
-) -> tuple[Float2D, Float2D, Float2D, Int1D, Bool1D]:
+def _rounded(toolpath: Toolpath, stop: Bool1D, distance_mm: float) -> tuple[Float2D, Float2D, Float2D, Int1D, Bool1D]:
     """Corners that are passed without a stop become parabolas that begin `smoothing` before the corner."""
     n = len(toolpath)
     start, end, sag = toolpath.start.copy(), toolpath.end.copy(), toolpath.sag

@@ -111,7 +111,9 @@ def _plan(length, speed, a_limit, jerk, first):
             total += length[q]
             top, j, a_top = max(top, speed[q]), min(j, jerk[q]), max(a_top, a_limit[q])
         if total > 0.0:
-            reach = min(top, (total * total * j / 4.0) ** (1.0 / 3.0))  # way of two full S-curves from rest: 2 v sqrt(v/j)
+            reach = min(
+                top, (total * total * j / 4.0) ** (1.0 / 3.0)
+            )  # way of two full S-curves from rest: 2 v sqrt(v/j)
             a_curve = np.sqrt(reach * j)
         else:
             a_curve = a_top
