@@ -53,6 +53,13 @@ class GlobalEquation:
         """(n, 4), A: currents by this equation; NaN for an axis that was not recorded."""
         return self.terms.design(samples, self.machine) @ self.coefficients.T
 
+    def leverage(self, samples: Samples) -> Float2D:
+        """(n, 4): x' (sum x x')^-1 x of each row and axis."""
+        design, at = self.terms.design(samples, self.machine), np.zeros(len(samples), np.int64)
+        return np.column_stack(
+            [_quadratic(design, self.factor[i][None], at) / max(self.effective[i], 1.0) for i in range(4)]
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class LocalEquations:
@@ -232,7 +239,8 @@ class _Evidence:
         noise, rank, locality = np.full((4, b), np.nan), np.zeros((4, b), np.int64), np.zeros(4)
         factors: list[Float3D] = [np.zeros((b, p, p))] * 4
         for axes, which in self._groups(kernels) if b else ():
-            points, counts = (v if which is None else v[which] for v in (self.points, self.counts))
+            rows = slice(None) if which is None else which
+            points, counts = self.points[rows], self.counts[rows]
             if not len(points):
                 continue
             kernel = kernels[axes[0]]

@@ -129,7 +129,7 @@ class Moments:
         if np.abs(sums).max(initial=0.0) > _LIMIT:
             entry = self.terms.names[int(np.abs(design).max(axis=0).argmax())]
             raise FitError(
-                f"part '{samples.part[0]}': term '{entry}' reaches {np.abs(design).max():.3g} times the machine's range. "
+                f"part '{samples.part[0]}': term '{entry}' reaches {np.abs(design).max():.3g} times its range. "
                 "Check the recording's units and the machine's limits."
             )
         return key[starts[:-1]].tolist(), np.diff(starts), sums

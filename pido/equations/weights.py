@@ -32,7 +32,7 @@ class Kernel:
     The Gaussian has the peak 1. As a normalised density its peak would be about 5e-5 at the paper's values, 200 to 425
     times *smaller* than beta, and each local equation would be the global one to three digits.
 
-    >>> round(float(Kernel(alpha=0.1, beta=0.02, sigma=5.0).weights(np.zeros((1, 3)), np.array([[3.0, 4.0, 0.0]]))), 6)
+    >>> round(float(Kernel(alpha=0.1, beta=0.02, sigma=5.0).weights(np.zeros((1, 3)), np.array([[3.0, 4.0, 0.0]])).item()), 6)
     0.626531
     """
 
@@ -96,8 +96,8 @@ def weighted_sums(
             )
             for low, high in mine:
                 w = weight[: high - low, :n]
-                index = [at[low:high] for _, at in tables]
-                _fill(w, ex, ey, ez, *index, counts[start:stop], result.total[low:high], result.squared[low:high])
+                ix, iy, iz = (at[low:high] for _, at in tables)
+                _fill(w, ex, ey, ez, ix, iy, iz, counts[start:stop], result.total[low:high], result.squared[low:high])
                 np.matmul(w, block, out=product[: high - low])
                 result.sums[low:high] += product[: high - low]
 
@@ -109,7 +109,7 @@ def weighted_sums(
 def _add_share(
     local: WeightedSums, points: Float2D, counts: Float1D, rows: Callable[[int, int], Float2D], beta: float
 ) -> WeightedSums:
-    """beta is the same for all bins, so its part is one sum over all points: sum (k + beta) r = sum k r + beta sum r."""
+    """beta is the same for all bins, so its part is one sum: sum (k + beta) r = sum k r + beta sum r."""
     everything = np.zeros(local.sums.shape[1])
     for start in range(0, len(points), ROWS):
         everything += rows(start, min(start + ROWS, len(points))).sum(axis=0)

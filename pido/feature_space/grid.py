@@ -60,24 +60,36 @@ class Grid:
     def index(self, ids: Int1D) -> Int2D:
         """(n, 3): the whole numbers i, j, k of each bin; its lower edges are i, j, k times the width."""
         ids = np.asarray(ids, np.int64)
-        return np.column_stack([ids >> (2 * _BITS), (ids >> _BITS) & _MASK, ids & _MASK]) - _HALF
+        index: Int2D = np.column_stack([ids >> (2 * _BITS), (ids >> _BITS) & _MASK, ids & _MASK]) - _HALF
+        return index
 
     def low(self, ids: Int1D) -> Float2D:
         """(n, 3): lower edge of each bin, which belongs to it."""
-        return self.index(ids) * np.asarray(self.width)
+        return self.index(ids).astype(float) * np.asarray(self.width)
 
     def high(self, ids: Int1D) -> Float2D:
         """(n, 3): upper edge of each bin, which does not belong to it."""
-        return (self.index(ids) + 1) * np.asarray(self.width)
+        return (self.index(ids) + 1).astype(float) * np.asarray(self.width)
 
     def centres(self, ids: Int1D) -> Float2D:
         """(n, 3): middle of each bin (eq. 9)."""
-        return (self.index(ids) + 0.5) * np.asarray(self.width)
+        return (self.index(ids) + 0.5) * np.asarray(self.width, float)
 
     def id_of(self, index: Int2D) -> Int1D:
         """The bins with these whole numbers: the inverse of `index`."""
         i, j, k = (np.asarray(index, np.int64).reshape(-1, 3) + _HALF).T
         return (i << (2 * _BITS)) | (j << _BITS) | k
+
+
+def touched(bins: Int1D, grid: Grid, other: Grid) -> Int1D:
+    """Bins of `other` that share any volume with `bins` of `grid`, ascending."""
+    if not len(bins):
+        return np.zeros(0, np.int64)
+    low = other.index(other.ids(grid.low(bins)))
+    high = other.index(other.ids(np.nextafter(grid.high(bins), -np.inf)))
+    spans = [np.arange((high - low)[:, d].max() + 1) for d in range(3)]
+    index = low[:, None] + np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.unique(other.id_of(index[(index <= high[:, None]).all(axis=2)]))
 
 
 SAMPLING_GRID = Grid((2.0, 2.0, 2.0))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from pido.core.errors import FitError
 from pido.core.samples import Samples
 from pido.feature_space.grid import SAMPLING_GRID, Grid
 from pido.feature_space.regional import HeldOut, covered, folds, join, sectors
-from pido.models.estimators import EstimatorFactory, estimators
+from pido.models.estimators import EstimatorFactory, estimators, extra_trees
 from pido.models.inputs import NAMES, InputKind, model_inputs
 
 log = logging.getLogger(__name__)
@@ -121,6 +121,16 @@ def digest(model: Any) -> str:
     return result.hexdigest()
 
 
+def quick_trainer(inputs: InputKind = "extended", seed: int = 0, trees: int = 10) -> Callable[..., Any]:
+    """A way to train a small model from samples and weights (n, 4), for `pido.sampling.method.adapt`."""
+    small: dict[str, EstimatorFactory] = {a: lambda s: extra_trees(s).set_params(n_estimators=trees) for a in AXES}
+
+    def train(samples: Samples, weights: Float2D) -> Callable[[Samples], Float2D]:
+        return AxisModels.fit(samples, weights, choice=small, inputs=inputs, seed=seed).predict
+
+    return train
+
+
 def held_out_errors(
     samples: Samples,
     *,
@@ -157,9 +167,7 @@ def _errors(samples: Samples, fold: Any, inputs: InputKind, choice: Any, grid: G
 
 
 def _small_forest(rest: Samples, left: Samples, inputs: InputKind, seed: int) -> Float2D:
-    """Predictions of one forest for all axes together; rows with a missing current are left out of axes that all miss."""
-    from sklearn.ensemble import ExtraTreesRegressor
-
+    """Predictions of one forest per set of axes that were recorded together."""
     out = np.full((len(left), 4), np.nan)
     known = np.isfinite(rest.currents)
     x_fit, x_new = model_inputs(rest, inputs), model_inputs(left, inputs)
@@ -168,7 +176,7 @@ def _small_forest(rest: Samples, left: Samples, inputs: InputKind, seed: int) ->
         if not pattern.any():
             continue
         scale = np.maximum(np.std(rest.currents[pattern][:, axes], axis=0), 1e-12)
-        forest = ExtraTreesRegressor(10, max_depth=100, min_samples_leaf=5, max_leaf_nodes=1000, random_state=seed)
+        forest = extra_trees(seed).set_params(n_estimators=10)
         with parallel_config(n_jobs=1), threadpool_limits(1):
             target = rest.currents[pattern][:, axes] / scale
             forest.fit(x_fit[pattern], target if len(axes) > 1 else target[:, 0])

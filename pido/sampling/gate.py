@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D, Int2D
+from pido.core.arrays import Float1D, Float2D, Float3D, Int2D
 from pido.core.axes import AXES
 from pido.core.machining import Machine
 
@@ -33,7 +33,7 @@ class Gate:
 
     quantile: float | None = 0.95
     compare: bool = True
-    margin: float = 1.0
+    margin: float = 0.9
 
     def limits(self, fitted_leverage: Float2D) -> Float1D:
         """(4,): the largest leverage that may pass."""
@@ -46,18 +46,23 @@ class Gate:
         current: Float2D,
         leverage: Float2D,
         limits: Float1D,
-        equation_error: Float2D | None,
-        model_error: Float2D | None,
+        equation_error: Float3D | None,
+        model_error: Float3D | None,
         machine: Machine,
     ) -> Int2D:
-        """(n, 4): index into REASONS for each row and axis; arguments are (n, 4) except limits (4,), errors in A."""
+        """(n, 4): index into REASONS for each row and axis.
+
+        current, leverage : (n, 4), A and –; limits : (4,)
+        equation_error, model_error : (k, n, 4), A – from k circles of held-out rows, the near ones and all; the
+            equation has to be better in each, since a handful of near rows can flatter it
+        """
         verdict = np.full(current.shape, PASSED, np.int64)
         most = np.array([machine.current_max_a.get(axis, np.inf) for axis in AXES])
         verdict[np.abs(current) > most] = BEYOND_DRIVE
         if self.compare and equation_error is not None and model_error is not None:
             # no evidence on either side is no reason to trust the equation
-            better = equation_error < self.margin * model_error
-            verdict[~better | ~np.isfinite(equation_error)] = WORSE_THAN_MODEL
+            better = (equation_error < self.margin * model_error) & np.isfinite(equation_error)
+            verdict[~better.all(axis=0)] = WORSE_THAN_MODEL
         verdict[leverage > limits] = NO_SUPPORT
         verdict[~np.isfinite(current)] = NOT_RECORDED
         return verdict

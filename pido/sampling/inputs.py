@@ -6,6 +6,8 @@ Out: complete input vectors, all inside the machine's limits.
 A bin fixes v_x, v_y and AR: they are drawn uniformly from it. v_z, the accelerations and the spindle are not fixed:
   joint   they come together from one row of the nearest bins that hold any (rows of the coming part's planned path
           where it is known): on an arc a_x belongs to v_y, and an axis that rests goes on resting
+  planned rows of the coming part's planned path are taken as they are, v_x, v_y and AR too: samples lie where the
+          model will be asked, not anywhere in the bin
   paper   each is drawn on its own, v_z and a from a normal with the mean and variance of the rows between the 5 % and
           the 95 % quantile, a_sp with mean 0; the spindle speed comes from a row (the NC program)
 Forces and torque follow from the same row by how the chip changes (`ChipScaling`), since AR alone does not tell a_e
@@ -18,7 +20,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
@@ -82,7 +84,7 @@ def draw_inputs(
     machine: Machine,
     rng: np.random.Generator,
     *,
-    nuisance: Literal["joint", "paper"] = "joint",
+    nuisance: Literal["joint", "paper", "planned"] = "joint",
     forces: ForceModel | None = None,
     nearest: int = 4,
 ) -> tuple[Samples, Int1D]:
@@ -98,8 +100,13 @@ def draw_inputs(
     low, high = grid.low(target), grid.high(target)
     low[:, 2] = np.maximum(low[:, 2], 0.0)
     points = low + rng.random(low.shape) * np.maximum(np.nextafter(high, -np.inf) - low, 0.0)
-    if nuisance == "joint":
-        own = rows.reduced
+    own = rows.reduced
+    rests, untold = np.zeros((len(target), 2), bool), np.zeros(len(target), bool)
+    if nuisance == "planned":
+        inside = grid.ids(own) == target
+        points, rests = np.where(inside[:, None], own, points), np.repeat(inside[:, None], 2, axis=1)
+        untold = ~inside
+    elif nuisance == "joint":
         # at rest, or cutting nothing: states of their own, that a uniform draw would never hit
         rests = (np.abs(own[:, :2]) <= dead[:2]) & (own[:, :2] >= low[:, :2]) & (own[:, :2] < high[:, :2])
         points[:, :2] = np.where(rests, own[:, :2], points[:, :2])
@@ -111,7 +118,6 @@ def draw_inputs(
         for column in (V[2], *A):
             inputs[:, column] = rng.normal(*_middle(source.inputs[:, column]), len(target))
         inputs[:, A_SP] = rng.normal(0.0, _middle(source.inputs[:, A_SP])[1], len(target))
-        rests, untold = np.zeros((len(target), 2), bool), np.zeros(len(target), bool)
     inputs[:, V[:2]], ar = points[:, :2], points[:, 2]
     for d, axis in enumerate(LINEAR_AXES):
         limits = machine.axes[axis]
@@ -149,7 +155,7 @@ def _source_rows(
     held, start, count = np.unique(ids[order], return_index=True, return_counts=True)
     metric = np.array([1.0, 1.0, 0.1])  # one mm/s weighs as much as ten mm² (alpha of table 2)
     k = min(nearest, len(held))
-    distance, near = cKDTree(grid.centres(held) * metric).query(grid.centres(bins) * metric, k=k)
+    distance, near = KDTree(grid.centres(held) * metric).query(grid.centres(bins) * metric, k=k)
     distance, near = distance.reshape(-1, k), near.reshape(-1, k)
     allowed = np.where(distance[:, :1] == 0.0, distance == 0.0, True)
     share = np.cumsum(count[near] * allowed, axis=1)

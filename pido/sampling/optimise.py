@@ -12,8 +12,9 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from pido.core.arrays import Float2D, Int1D, Int2D
+from pido.core.arrays import Float2D, Float3D, Int1D, Int2D
 from pido.core.axes import AXES
+from pido.core.errors import FitError
 from pido.core.machining import Machine
 from pido.core.samples import PIA, Samples
 from pido.feature_space.density import locate, occupancy
@@ -75,7 +76,7 @@ def optimise(
     model_error: HeldOut | None = None,
     planned: Samples | None = None,
     forces: ForceModel | None = None,
-    nuisance: Literal["joint", "paper"] = "joint",
+    nuisance: Literal["joint", "paper", "planned"] = "joint",
 ) -> tuple[Samples, Report]:
     """PiA and PiE rows for the bins `needed` (ids of `grid`).
 
@@ -93,7 +94,11 @@ def optimise(
     n_real = occupancy(real.reduced, grid).count_in(bins) if len(real) else np.zeros(len(bins), np.int64)
     n_pia, n_pie = share.wanted(n_real, rng)
     augmented = _pia(real, ids, bins, n_pia, rng)
-    source = real if planned is None or not len(planned) else Samples.concat([planned, real])
+    source = real
+    if planned is not None and len(planned):
+        source = planned if nuisance == "planned" else Samples.concat([planned, real])
+    elif nuisance == "planned":
+        raise FitError("nuisance 'planned' takes rows of the planned path: give `planned`, or use 'joint'.")
     explored, _ = draw_inputs(bins, n_pie, grid, source, machine, rng, nuisance=nuisance, forces=forces)
     rows = Samples.concat([augmented, explored])
     current, standard_error, leverage = equations.predict_with_support(rows)
@@ -133,8 +138,9 @@ def _pia(real: Samples, ids: Int1D, bins: Int1D, number: Int1D, rng: np.random.G
     return replace(chosen, origin=np.full(len(take), PIA, np.int64), voxel=ids[take])
 
 
-def _at_rows(errors: HeldOut | None, voxel: Int1D, occupied: np.ndarray, grid: Grid) -> Float2D | None:
+def _at_rows(errors: HeldOut | None, voxel: Int1D, occupied: np.ndarray, grid: Grid) -> Float3D | None:
+    """(2, n, 4): held-out error around each row's bin, and over all rows in the same position."""
     if errors is None:
         return None
     bins, first, inverse = np.unique(voxel, return_index=True, return_inverse=True)
-    return errors.at(bins, occupied[first], grid)[inverse]
+    return np.stack([errors.at(bins, occupied[first], grid)[inverse], errors.rmse()[occupied.astype(int)]])

@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Int1D
+from pido.core.arrays import Array1D, Float1D, Int1D
 from pido.core.errors import FitError
 
 Share = Callable[[Float1D], Float1D]
@@ -81,7 +81,7 @@ class ShareRule:
         pia, pie = (self._round(f(x) / 100.0 * self.density, rng) for f in (self.pia, self.pie))
         return np.minimum(pia, n_real), pie
 
-    def _round(self, number: Float1D, rng: np.random.Generator) -> Int1D:
+    def _round(self, number: Array1D, rng: np.random.Generator) -> Int1D:
         if self.rounding == "nearest":
             return np.rint(number).astype(np.int64)
         whole = np.floor(number)
