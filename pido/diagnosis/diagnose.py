@@ -42,6 +42,7 @@ from pido.diagnosis.models import AxisModel, Equation, as_json
 from pido.diagnosis.select import Library, basis
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.whiten import estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
@@ -146,6 +147,10 @@ def search(mismatch: Mismatch, rng: np.random.Generator, axes: int) -> Answer:
     # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
     noise = noise_of(mismatch, noise, terms)
     terms = select_terms(library, noise, terms)
+    noise = noise_of(mismatch, noise, terms)
+    terms, note = with_unknown(library, noise, terms, int(rng.integers(2**31)))
+    if note is not None:
+        answer.notes.append(note)
     noise = noise_of(mismatch, noise, terms)
     questions = axes * len({t.name for t in library.terms})
     terms = confirm(library, noise, terms, answer, questions)

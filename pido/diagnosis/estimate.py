@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
-from pido.diagnosis.confirm import bootstrap, interval, units
-from pido.diagnosis.confirm import Whitened
+from pido.diagnosis.confirm import Whitened, bootstrap, interval, units
 from pido.diagnosis.finding import Estimate
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.select import is_choice
 from pido.diagnosis.terms import Fit, Term, fit, solve
 from pido.diagnosis.whiten import Noise
 
@@ -95,18 +95,31 @@ def _slopes(mismatch: Mismatch, term: Term, amplitudes: Float1D) -> dict[str, Fl
     out = {}
     shape = dict(term.shape)
     for p in term.mechanism.shape:
+        if is_choice(p):
+            continue
         value = shape[p.name]
         log = p.scale == "log"
-        step = _STEP if log else _STEP * max(abs(value), 1e-3 * abs((p.high or 1.0) - (p.low or 0.0)))
-        above, below = (value * np.exp(step), value * np.exp(-step)) if log else (value + step, value - step)
-        rows = [
-            amplitudes @ replace(term, shape=tuple({**shape, p.name: float(v)}.items())).columns(mismatch.states)
-            for v in (above, below)
-        ]
-        slope = (rows[0] - rows[1]) / (2 * step)
+        slope = _slope(mismatch, term, amplitudes, p.name, value, log)
         if np.any(slope):
             out[p.name] = slope[None]
     return out
+
+
+def _slope(mismatch: Mismatch, term: Term, amplitudes: Float1D, name: str, value: float, log: bool) -> Float1D:
+    """Central difference, with a step small enough that the effect changes little (a wave over hours needs a tiny one)."""
+    parameter = next(p for p in term.mechanism.shape if p.name == name)
+    span = max(abs(value), 1e-3 * abs((parameter.high or 1.0) - (parameter.low or 0.0)))
+    slope = np.zeros(mismatch.n)
+    for step in (_STEP, _STEP / 10, _STEP / 100, _STEP / 1000):
+        above, below = (value * np.exp(step), value * np.exp(-step)) if log else (value + step * span, value - step * span)
+        up, down = (
+            amplitudes @ replace(term, shape=tuple({**dict(term.shape), name: float(v)}.items())).columns(mismatch.states)
+            for v in (above, below)
+        )
+        slope = (up - down) / (2 * step * (1.0 if log else span))
+        if np.sum((up - down) ** 2) < 0.1 * np.sum((up + down) ** 2) / 4:
+            break
+    return slope
 
 
 def _gauss_newton(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], joint: Fit) -> list[dict[str, float]]:

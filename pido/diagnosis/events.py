@@ -1,7 +1,8 @@
-"""Forces that come and go by themselves: intervals of time with a level that no state explains.
+"""What comes and goes by itself: forces over intervals of time, and waves in time, that no state explains.
 
 In:  what is left of the mismatch, whitened, per part.
-Out: `ExternalForce`, one level per interval. It belongs to the parts it was seen in and is never carried to another.
+Out: `ExternalForce`, one level per interval, which belongs to the parts it was seen in and is never carried to another;
+     `Rhythm`, a wave.
 Source: circular binary segmentation (Olshen et al. 2004): the interval with the largest likelihood gain is taken, removed,
 and the search repeated while the gain pays for two ends and a level.
 """
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.stats import chi2
 
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
@@ -52,11 +54,63 @@ class ExternalForce(Mechanism):
         return None
 
 
+@dataclass(frozen=True)
+class Rhythm(Mechanism):
+    """A wave in time, tied to no state; its phase runs on from part to part where the machine's clock is known."""
+
+    clock: bool
+
+    id: ClassVar[str] = "unknown"
+    equation: ClassVar[str] = "dI = A * sin(2 pi t / T) + B * cos(2 pi t / T)"
+    kind: ClassVar[Any] = "unexplained"
+    amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("A", "A"), Parameter("B", "A"))
+    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("T", "s", low=1e-3, high=1e5, scale="log"),)
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        time = state.clock if self.clock and state.clock is not None else state.time
+        phase = 2 * np.pi * np.asarray(time, float) / shape["T"]
+        return np.column_stack([np.sin(phase), np.cos(phase)])
+
+    def applies(self, states: Sequence[AxisState]) -> str | None:
+        return None
+
+    def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"all the time, repeating every {shape['T']:.3g} s whatever the axes do", ()
+
+
+def find_rhythms(mismatch: Mismatch, noise: Noise, residual: Float1D, most: int = 2) -> list[tuple[Rhythm, float]]:
+    """Waves that stand out of `residual` (whitened, (n,)): (wave, period in s), strongest first.
+
+    The gains of the parts, each with a phase of its own, are added up per frequency; whether the phases agree is for the
+    fit to say.
+    """
+    bounds = list(zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True))
+    longest = max(j - i for i, j in bounds)
+    size = 2 * int(2 ** np.ceil(np.log2(longest)))
+    step = float(np.median(np.diff(mismatch.states[0].time)))
+    gain = np.zeros(size // 2 + 1)
+    for i, j in bounds:
+        gain += 2 * np.abs(np.fft.rfft(residual[i:j], size)) ** 2 / max(1, j - i)
+    frequency = np.fft.rfftfreq(size, step)
+    gain[frequency * step * longest < 3] = 0.0  # fewer than three waves are a drift
+    # Sum of chi-squares with two degrees of freedom per part; the largest of many frequencies.
+    least = chi2.isf(1e-4 / len(gain), 2 * len(bounds))
+    found: list[tuple[Rhythm, float]] = []
+    clocked = all(s.clock is not None for s in mismatch.states)
+    for _ in range(most):
+        k = int(np.argmax(gain))
+        if gain[k] < least:
+            break
+        found += [(Rhythm(clock), 1 / float(frequency[k])) for clock in ((True, False) if clocked else (False,))]
+        gain[max(0, k - 4) : k + 5] = 0.0
+    return found
+
+
 def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> ExternalForce | None:
     """Intervals whose level stands out of `residual` (whitened, (n,)), or None."""
     # A constant c becomes c * (1 - sum of ar) / (level * innovation) once whitened.
     unit = noise.valid * (1 - float(np.sum(noise.ar))) / (noise.level * noise.innovation)
-    penalty = 3 * np.log(max(2, int(noise.valid.sum()))) + 10
+    penalty = charge(mismatch)
     found: list[tuple[str, float, float]] = []
     for p, (i, j) in enumerate(zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True)):
         time = mismatch.states[p].time
@@ -72,6 +126,11 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
             found.append((mismatch.parts[p], float(time[first * width]), float(time[min(last * width, j - i) - 1]) + 1e-9))
             score[first:last] -= level * weight[first:last]
     return ExternalForce(tuple(found)) if found else None
+
+
+def charge(mismatch: Mismatch) -> float:
+    """Gain that an interval must bring to be one: the largest of all intervals tried is this high by chance alone."""
+    return 2 * np.log(0.5 * _BINS**2 * len(mismatch.parts)) + 2.0
 
 
 def _best_interval(score: Float1D, weight: Float1D) -> tuple[int, int, float, float] | None:

@@ -15,13 +15,14 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.confirm import cross_residual, p_value, paired_p, q_values, whitened
-from pido.diagnosis.events import find_events
+from pido.diagnosis.events import Rhythm, charge, find_events, find_rhythms
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.select import (
     MOST_TERMS,
+    Basis,
     Library,
     Score,
     basis,
@@ -85,8 +86,14 @@ def candidates(
 def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
     """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to leave noise."""
     columns = _coarse(mismatch, terms)
-    noise = estimate_noise(_left_over(mismatch, columns, None), mismatch.starts, mismatch.noise_class, mismatch.usable)
-    return estimate_noise(_left_over(mismatch, columns, noise), mismatch.starts, mismatch.noise_class, mismatch.usable)
+    noise = None
+    for _ in range(2):
+        residual = _left_over(mismatch, columns, noise)
+        noise = estimate_noise(
+            residual, mismatch.starts, mismatch.noise_class, mismatch.usable, smooth_spectrum=True
+        )
+    assert noise is not None
+    return noise
 
 
 def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
@@ -124,16 +131,38 @@ def next_term(library: Library, noise: Noise, terms: Sequence[Term], regions: bo
         confined = best_region(library, current, shortlist)
         if confined is not None and (best is None or confined.bic < best.bic - CLEARLY):
             best = confined
+    for rhythm, period in find_rhythms(library.mismatch, noise, current.residual):
+        score = _tune(library, current, rhythm, period)
+        if score is not None and (best is None or score.bic < best.bic - CLEARLY):
+            best = score
     if "external_force" not in taken:
         events = find_events(library.mismatch, noise, current.residual)
         if events is not None:
             score = library.score(Term(events), current)
-            # Two ends per interval were searched for, as free as the levels.
+            # Each interval's ends were searched for.
             if score is not None:
-                score = replace(score, bic=score.bic + 2 * len(events.intervals) * np.log(current.n))
+                ends = max(0.0, charge(library.mismatch) - np.log(current.n))
+                score = replace(score, bic=score.bic + len(events.intervals) * ends)
                 if best is None or score.bic < best.bic - CLEARLY:
                     best = score
     return best
+
+
+def _tune(library: Library, current: Basis, rhythm: Rhythm, period: float) -> Score | None:
+    """The wave with its period moved to where all parts agree; charged for every frequency that was looked at."""
+    longest = max(float(s.time[-1] - s.time[0]) for s in library.mismatch.states)
+    span = library.mismatch.states[-1].clock[-1] - library.mismatch.states[0].clock[0] if rhythm.clock else longest
+    best: Score | None = None
+    # Steps of a quarter wave over the whole span, as far as the resolution of one part leaves open.
+    steps = int(np.clip(2 * span / longest, 4, 60))
+    for k in range(-steps, steps + 1):
+        frequency = 1 / period + k * 0.5 / longest / steps
+        if frequency <= 0:
+            continue
+        found = library.score(Term(rhythm, (("T", 1 / frequency),)), current)
+        if found is not None and (best is None or found.bic < best.bic):
+            best = found
+    return None if best is None else replace(best, bic=best.bic + 2 * np.log(library.mismatch.n))
 
 
 def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:

@@ -17,12 +17,12 @@ from pido.core.columns import CURRENT_SIM
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.baseline import equation_names, equation_rows
-from pido.diagnosis.events import ExternalForce
+from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Gate, Term
-from pido.diagnosis.unknown import Formula, Surface
+from pido.diagnosis.unknown import Formula, Peak, Surface
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,12 @@ def _term_json(term: Term, amplitudes: Sequence[float]) -> dict[str, Any]:
     match term.mechanism:
         case ExternalForce(intervals=intervals):
             own["intervals"] = [list(i) for i in intervals]
+        case Rhythm(clock=clock):
+            own["clock"] = clock
         case Formula(factors=factors, unit=unit):
             own |= {"factors": [list(f) for f in factors], "unit": unit}
+        case Peak(signal=signal, unit=unit, even=even):
+            own |= {"signal": signal, "unit": unit, "even": even}
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -169,8 +173,12 @@ def _term(data: Mapping[str, Any]) -> Term:
 def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "intervals" in own:
         return ExternalForce(tuple((str(p), float(a), float(b)) for p, a, b in own["intervals"]))
+    if "clock" in own:
+        return Rhythm(bool(own["clock"]))
     if "factors" in own:
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]))
+    if "signal" in own:
+        return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]))
     if "variables" in own:
         knots = tuple(tuple(float(k) for k in ks) for ks in own["knots"])
         return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))

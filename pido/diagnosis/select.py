@@ -27,6 +27,7 @@ _COLLINEAR = 1e-3  # share of a regressor that must be left once the terms alrea
 _SHORTLIST = 6  # mechanisms whose shape is refined in each step
 _TIE = 4.0  # BIC: of mechanisms this close, the one with fewer free numbers is taken
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
+_CHUNK = 64  # rows whitened at a time
 _FORBIDDEN_SE = 2.5  # standard errors by which an amplitude may lie outside its plausible range
 
 
@@ -73,10 +74,10 @@ class Library:
     def whiten(self, noise: Noise) -> None:
         """From now on, under this noise."""
         self.noise = noise
-        self.whitened = noise.whiten(self.rows).astype(np.float32)
-        self.grams = [
-            np.asarray(self.whitened[i:j] @ self.whitened[i:j].T, float) for i, j in self.spans
-        ]
+        self.whitened = np.empty_like(self.rows)
+        for i in range(0, len(self.rows), _CHUNK):
+            self.whitened[i : i + _CHUNK] = noise.whiten(self.rows[i : i + _CHUNK])
+        self.grams = [np.asarray(self.whitened[i:j] @ self.whitened[i:j].T, float) for i, j in self.spans]
 
     def charge(self, term: Term) -> float:
         """BIC for the shapes and the limits of a region that were tried on a term's behalf."""
@@ -227,7 +228,7 @@ def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> S
 def _refine_one(library: Library, current: Basis, score: Score, parameter: Parameter) -> Score:
     shape = dict(score.term.shape)
     grid = np.asarray(sorted(parameter.grid), float)
-    if len(grid) < 2:
+    if len(grid) < 2 or is_choice(parameter):
         return score
     log = parameter.scale == "log"
     to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
@@ -248,6 +249,11 @@ def _refine_one(library: Library, current: Basis, score: Score, parameter: Param
 
     minimize_scalar(loss, bounds=(low, high), method="bounded", options={"maxiter": 9, "xatol": 0.01 * (high - low)})
     return best
+
+
+def is_choice(parameter: Parameter) -> bool:
+    """Whether a shape parameter numbers textbook forms, which have nothing between them."""
+    return bool(parameter.values) and parameter.values == tuple(float(i) for i in range(len(parameter.values)))
 
 
 def swap(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:

@@ -17,13 +17,14 @@ import numpy as np
 from scipy import stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
+from pido.diagnosis.whiten import Noise
 
-_TREES = dict(max_iter=80, learning_rate=0.12, max_leaf_nodes=12, min_samples_leaf=60, l2_regularization=5.0)
-_MOST_ROWS = 30_000
+_TREES = dict(max_iter=60, learning_rate=0.15, max_leaf_nodes=10, min_samples_leaf=30, l2_regularization=5.0)
+_MOST_ROWS = 8_000
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
 
 
@@ -39,7 +40,6 @@ class Structure:
     explained: float
     share: float
     p_value: float
-    prediction: Float1D
 
 
 def signals(state: AxisState) -> dict[str, tuple[Float1D, str]]:
@@ -64,39 +64,69 @@ def signals(state: AxisState) -> dict[str, tuple[Float1D, str]]:
         if name != a:
             found[f"v_{name}"] = (other.v, "deg/s" if name == "sp" else "mm/s")
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
-    return {k: (np.asarray(v, float), unit) for k, (v, unit) in found.items() if v is not None}
+    return {k: (_finite(np.asarray(v, float)), unit) for k, (v, unit) in found.items() if v is not None}
 
 
 def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
     """The signals that every part has and that vary, parts one after another."""
     each = [signals(s) for s in states]
     names = [n for n in each[0] if all(n in e for e in each)]
-    out = {n: (np.nan_to_num(np.concatenate([e[n][0] for e in each])), each[0][n][1]) for n in names}
+    out = {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
     return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
 
 
-def structure(mismatch: Mismatch, residual: Float1D, level: Float1D, seed: int) -> Structure:
+def _finite(values: Float1D) -> Float1D:
+    """Unknown as zero, infinite (no reversal yet) as the largest known."""
+    known = values[np.isfinite(values)]
+    top = float(np.max(np.abs(known), initial=0.0))
+    return np.nan_to_num(values, nan=0.0, posinf=top, neginf=-top)
+
+
+def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) -> Structure:
     """How much of `residual` a flexible model of the state predicts on unseen folds."""
-    features = np.column_stack([v for v, _ in common_signals(mismatch.states).values()])
-    usable = np.flatnonzero(mismatch.usable)
-    stride = max(1, len(usable) // _MOST_ROWS)
-    rows = usable[stride // 2 :: stride]
-    fold = _three_folds(mismatch, rows)
-    y = residual[rows]
-    top = 8 * float(np.median(level[rows]))
-    prediction = np.zeros(mismatch.n)
+    few = coarse(mismatch, residual, noise)
+    features = np.column_stack([v[few.rows] for v, _ in common_signals(mismatch.states).values()])
+    fold = _three_folds(mismatch, few.rows)
+    y, prediction = few.values, np.zeros(len(few.rows))
+    top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)
     for k in np.unique(fold):
         learn = fold != k
         trees = HistGradientBoostingRegressor(random_state=seed, early_stopping=False, **_TREES)
-        trees.fit(features[rows[learn]], np.clip(y[learn], -top, top), sample_weight=level[rows[learn]] ** -2.0)
-        prediction[rows[fold == k]] = trees.predict(features[rows[fold == k]])
-    gain = y**2 - (y - prediction[rows]) ** 2
-    block = np.bincount(mismatch.block[rows], gain)
-    count = np.bincount(mismatch.block[rows])
-    block = block[count > 0]
-    p = float(stats.ttest_1samp(block, 0.0, alternative="greater").pvalue) if len(block) > 2 and np.ptp(block) else 1.0
+        trees.fit(features[learn], np.clip(y[learn], -top, top), sample_weight=few.weights[learn])
+        prediction[~learn] = trees.predict(features[~learn])
+    gain = y**2 - (y - prediction) ** 2
+    block = mismatch.block[few.rows]
+    count = np.bincount(block)
+    sums = np.bincount(block, gain * few.weights)[count > 0]
+    p = float(stats.ttest_1samp(sums, 0.0, alternative="greater").pvalue) if len(sums) > 2 and np.ptp(sums) else 1.0
     total = float(np.mean(y**2)) or 1.0
-    return Structure(float(np.mean(gain)), float(np.mean(gain)) / total, p, prediction)
+    return Structure(float(np.mean(gain)), float(np.mean(gain)) / total, p)
+
+
+@dataclass(frozen=True, slots=True)
+class Coarse:
+    """A residual averaged over the memory of its noise: few rows that hold nearly all that the many do.
+
+    rows : (m,) – row in the middle of each average; values : (m,), A; weights : (m,), 1/A²
+    """
+
+    rows: Int1D
+    values: Float1D
+    weights: Float1D
+
+
+def coarse(mismatch: Mismatch, residual: Float1D, noise: Noise, most: int = _MOST_ROWS) -> Coarse:
+    """Averages over half the memory of the noise, or longer where there would be more than `most`."""
+    width = max(1, round(noise.memory / 2), int(np.ceil(mismatch.n / most)))
+    n = mismatch.n // width * width
+    usable = mismatch.usable[:n].reshape(-1, width)
+    count = usable.sum(axis=1)
+    sums = (residual[:n].reshape(-1, width) * usable).sum(axis=1)
+    rows = np.arange(width // 2, n, width)
+    same = mismatch.part[np.arange(0, n, width)] == mismatch.part[np.arange(width - 1, n, width)]
+    keep = (count > width / 2) & same
+    level = noise.level[rows]
+    return Coarse(rows[keep], sums[keep] / count[keep], level[keep] ** -2.0)
 
 
 @dataclass(frozen=True)
@@ -118,15 +148,55 @@ class Formula(Mechanism):
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         return (Parameter("k", f"A/({self.unit})" if self.unit != "–" else "A"),)
 
+    def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"with {' and '.join(dict.fromkeys(s for s, _ in self.factors))}", ()
+
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        known = signals(state)
-        out = np.ones(len(state.time))
+        return self.values(signals(state))[:, None]
+
+    def values(self, known: Mapping[str, tuple[Float1D, str]]) -> Float1D:
+        """The product itself, (n,)."""
+        out = np.ones(1)
         for name, form in self.factors:
             out = out * FORMS[form](known[name][0])
-        return out[:, None]
+        return out
 
     def applies(self, states: Sequence[AxisState]) -> str | None:
         return None
+
+
+@dataclass(frozen=True)
+class Peak(Mechanism):
+    """A current that is there only around one value of one quantity, as a resonance is."""
+
+    signal: str
+    unit: str
+    even: bool  # the same on both sides of zero
+
+    id: ClassVar[str] = "unknown"
+    kind: ClassVar[Any] = "unexplained"
+    amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "A"),)
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        u = f"|{self.signal}|" if self.even else self.signal
+        return f"dI = k * exp(-(({u} - c) / w)^2)"
+
+    @property
+    def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return (Parameter("c", self.unit, scale="linear"), Parameter("w", self.unit, low=0.0, scale="log"))
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        u = signals(state)[self.signal][0]
+        return np.exp(-((((np.abs(u) if self.even else u) - shape["c"]) / shape["w"]) ** 2))[:, None]
+
+    def applies(self, states: Sequence[AxisState]) -> str | None:
+        return None
+
+    def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
+        u = f"|{self.signal}|" if self.even else self.signal
+        low, high = shape["c"] - 1.2 * shape["w"], shape["c"] + 1.2 * shape["w"]
+        return f"around {u} = {shape['c']:.3g} {self.unit}", (f"{u} > {low:.3g}", f"{u} < {high:.3g}")
 
 
 @dataclass(frozen=True)
@@ -149,6 +219,9 @@ class Surface(Mechanism):
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         count = int(np.prod([_width(k, s) for k, s in zip(self.knots, self.split, strict=True)]))
         return tuple(Parameter(f"g_{i}", "A") for i in range(count))
+
+    def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"depending on {' and '.join(self.variables)}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         known = signals(state)
@@ -175,9 +248,8 @@ FORMS: Mapping[str, Any] = {
 _POWER = {"u": 1.0, "|u|": 1.0, "u²": 2.0, "u|u|": 2.0, "sgn u": 0.0, "√|u|": 0.5, "√|u| sgn u": 0.5, "u³": 3.0}
 
 
-def formulas(mismatch: Mismatch) -> list[Formula]:
+def formulas(known: Mapping[str, tuple[Float1D, str]]) -> list[Formula]:
     """Products of one or two forms of the signals; the same signal is not multiplied with itself."""
-    known = common_signals(mismatch.states)
     plain = []
     for name, (values, unit) in known.items():
         signed = bool(values.min() < 0 < values.max())
@@ -189,6 +261,24 @@ def formulas(mismatch: Mismatch) -> list[Formula]:
     for (n1, f1, u1), (n2, f2, u2) in itertools.combinations(plain, 2):
         if n1 != n2 and _POWER[f1] + _POWER[f2] <= 3:
             out.append(Formula(((n1, f1), (n2, f2)), _unit([(u1, f1), (u2, f2)])))
+    return out
+
+
+def peaks(known: Mapping[str, tuple[Float1D, str]], centres: int = 24) -> list[tuple[Peak, dict[str, float]]]:
+    """Peaks around values that the quantities really take, in widths from a fiftieth to a quarter of their range."""
+    out = []
+    for name, (values, unit) in known.items():
+        if name.startswith(("held", "coolant", "uptime")):
+            continue
+        for even in (False, True) if values.min() < 0 < values.max() else (False,):
+            u = np.abs(values) if even else values
+            low, high = np.quantile(u, [0.01, 0.99])
+            if high <= low:
+                continue
+            at = np.unique(np.r_[np.quantile(u, np.linspace(0.02, 0.98, centres)), np.linspace(low, high, centres)])
+            at = at[np.r_[True, np.diff(at) > 0.005 * (high - low)]]
+            for w in (0.006, 0.02, 0.06, 0.2):
+                out += [(Peak(name, unit, even), {"c": float(c), "w": float(w * (high - low))}) for c in at]
     return out
 
 

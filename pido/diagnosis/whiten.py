@@ -8,15 +8,20 @@ ch. 8); order by BIC (Schwarz 1978); scale by the normal-consistent median absol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.ndimage import median_filter
+from scipy.signal import lfilter
 
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 
 MAD_TO_SD = 1.4826022185056018  # of a normal distribution
 HUBER = 6.0  # whitened residuals beyond this many sd are spikes, not noise: they are limited to it
+_BLOCK = 128  # rows in which power is compared to set events aside
+_NEIGHBOURS = 60  # frequencies on either side whose median is the noise at a frequency
+_LOUD = 2.5  # times the usual power of a block: an event or an effect, not noise
 _FEWEST = 60  # rows that a class of state needs for a noise level of its own
 
 
@@ -66,21 +71,26 @@ def autocorrelation_time(ar: Float1D, longest: int = 20_000) -> float:
 
 def impulse_response(ar: Float1D, longest: int) -> Float1D:
     """(m,) – what one unit innovation becomes, until it has died away."""
-    from scipy.signal import lfilter
-
     unit = np.zeros(longest)
     unit[0] = 1.0
     return lfilter([1.0], np.r_[1.0, -ar], unit)
 
 
 def estimate_noise(
-    residual: Float1D, starts: Bool1D, state: Int1D, usable: Bool1D | None = None, highest_order: int = 24
+    residual: Float1D,
+    starts: Bool1D,
+    state: Int1D,
+    usable: Bool1D | None = None,
+    highest_order: int = 24,
+    smooth_spectrum: bool = False,
 ) -> Noise:
     """Level per class of state, then AR by Yule-Walker with the order of least BIC.
 
     residual : (n,) – what a flexible fit left over
     starts : (n,) – True where a row does not follow the one before it
     state : (n,) – class of state, 0, 1, ...; classes with few rows share the common level
+    smooth_spectrum : what stands out of the spectrum as a line, or only at its lowest end, is taken for an effect that
+        has not been found yet; for a first look, before anything is in the fit
     """
     usable = np.ones(len(residual), bool) if usable is None else usable
     common = robust_sd(residual[usable])
@@ -93,29 +103,67 @@ def estimate_noise(
             weight = rows.sum() / (rows.sum() + 4 * _FEWEST)
             level[state == c] = np.exp(weight * np.log(max(own, 0.2 * common)) + (1 - weight) * np.log(common))
     scaled = np.where(usable, np.clip(residual / level, -HUBER, HUBER), 0.0)
-    ar, innovation = fit_ar(scaled, starts | ~usable, highest_order)
-    return Noise(ar=ar, level=level, innovation=innovation, valid=_has_past(starts | ~usable, len(ar)) & usable)
+    quiet = usable & _quiet(scaled, usable)
+    # Rows of loud blocks keep their place in time and are left out of every product.
+    kept = np.where(quiet, scaled, 0.0)
+    if smooth_spectrum:
+        ar = _ar_of_spectrum(kept, int(quiet.sum()), highest_order)
+    else:
+        ar, _ = fit_ar(kept, starts | ~quiet | _after(~quiet), highest_order, quiet)
+    noise = Noise(ar, level, 1.0, _has_past(starts | ~usable | _after(~usable), len(ar)) & usable)
+    innovations = noise.whiten(residual[None])[0][noise.valid & quiet]
+    return replace(noise, innovation=max(float(np.std(np.clip(innovations, -HUBER, HUBER))), 1e-9))
 
 
-def fit_ar(x: Float1D, starts: Bool1D, highest_order: int) -> tuple[Float1D, float]:
-    """AR coefficients and innovation sd of a zero-mean series with interruptions.
+def _ar_of_spectrum(x: Float1D, n: int, highest_order: int) -> Float1D:
+    """AR coefficients from a periodogram whose every value is the median of its neighbours."""
+    power = np.abs(np.fft.rfft(x)) ** 2 / max(1, n)
+    if len(power) > 2 * _NEIGHBOURS:
+        power = median_filter(power, 2 * _NEIGHBOURS + 1, mode="reflect") / np.log(2)
+    gamma = np.fft.irfft(power, len(x))[: highest_order + 1]
+    return _least_bic(gamma, n, highest_order)[0]
+
+
+def _quiet(x: Float1D, usable: Bool1D) -> Bool1D:
+    """Rows of blocks whose power is not far above that of the usual block."""
+    block = np.arange(len(x)) // _BLOCK
+    count = np.bincount(block, usable)
+    power = np.bincount(block, x**2 * usable) / np.maximum(count, 1)
+    usual = np.median(power[count > _BLOCK / 2]) if np.any(count > _BLOCK / 2) else np.inf
+    return (power <= _LOUD * usual)[block] if usual > 0 else np.ones(len(x), bool)
+
+
+def _after(gap: Bool1D) -> Bool1D:
+    return np.r_[False, gap[:-1]]
+
+
+def fit_ar(
+    x: Float1D, starts: Bool1D, highest_order: int, counted: Bool1D | None = None
+) -> tuple[Float1D, float]:
+    """AR coefficients and innovation sd of a zero-mean series with interruptions; rows not `counted` are zero.
 
     Autocovariances are taken within uninterrupted stretches only; a small taper keeps the system positive definite.
     """
-    n = len(x)
+    counted = np.ones(len(x), bool) if counted is None else counted
+    n = int(counted.sum())
     highest_order = int(min(highest_order, max(0, n // 50)))
     since = _since_start(starts)
     gamma = np.array(
         [
-            np.sum(x[lag:] * x[: n - lag] * (since[lag:] >= lag)) / max(1, np.sum(since >= lag))
+            np.sum(x[lag:] * x[: len(x) - lag] * (since[lag:] >= lag)) / max(1, np.sum((since >= lag) & counted))
             for lag in range(highest_order + 1)
         ]
     )
     if gamma[0] <= 0:
         return np.zeros(0), 1.0
     gamma *= 1 - np.arange(highest_order + 1) / (50.0 * (highest_order + 1))
+    return _least_bic(gamma, n, highest_order)
+
+
+def _least_bic(gamma: Float1D, n: int, highest_order: int) -> tuple[Float1D, float]:
+    """AR coefficients and innovation sd of the order that BIC prefers, from autocovariances."""
     best = (n * np.log(gamma[0]), np.zeros(0), gamma[0])
-    for p in range(1, highest_order + 1):
+    for p in range(1, min(highest_order, len(gamma) - 1) + 1):
         phi = solve_toeplitz(gamma[:p], gamma[1 : p + 1])
         variance = gamma[0] - phi @ gamma[1 : p + 1]
         if variance <= 1e-9 * gamma[0]:

@@ -1,0 +1,167 @@
+"""When no name is right: one honest `unknown` in place of names that each explain a part.
+
+In:  the terms that a selection chose on one axis, and its library.
+Out: the same terms, or fewer of them and one term without a name.
+A formula or a surface competes in the same currency as the mechanisms (BIC, charged for everything that was tried), and
+has to win clearly; then every named term must still be needed beside it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from pido.core.arrays import Float1D
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.select import Basis, Library, Score, basis
+from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.unknown import Coarse, Formula, Peak, coarse, common_signals, formulas, peaks, structure, surfaces
+from pido.diagnosis.whiten import Noise
+
+log = logging.getLogger(__name__)
+_STRUCTURE_P = 1e-4  # of a flexible model's gain on unseen folds
+_LEAST_SHARE = 0.08  # of all that is systematic: a smaller rest is a textbook form that fits almost
+_CLEARLY = 25.0  # BIC by which a model without a name must win
+_CLEARLY_SHARE = 0.03  # and by this share of all that the named terms gain
+_STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
+_SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
+_PAIRS = 10
+_FINALISTS = 12
+_CHARGE = 2 * np.log(3000)  # BIC, for the formulas and peaks that were tried
+_SIMPLEX = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
+
+
+def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -> tuple[list[Term], str | None]:
+    """`terms`, or what remains of them beside one `unknown`; and a sentence about what is left over."""
+    mismatch = library.mismatch
+    nothing = basis(library, noise, []).bic
+    best_terms, best_bic = terms, basis(library, noise, terms).bic
+    for start in (terms, []) if terms else (terms,):
+        found = _best(library, noise, start)
+        if found is None:
+            continue
+        trial = _needed(library, noise, start, found.term)
+        score = basis(library, noise, trial).bic + _CHARGE
+        if score < best_bic - _CLEARLY - _CLEARLY_SHARE * (nothing - best_bic):
+            best_terms, best_bic = trial, score
+    joint = fit(mismatch, noise, best_terms)
+    left = structure(mismatch, joint.residual, noise, seed)
+    named = _explained(mismatch, best_terms, joint.amplitudes)
+    share = left.explained / max(left.explained + named, 1e-30)
+    log.info("axis %s: %.0f %% of what is systematic is left over, p = %.1g", mismatch.axis, 100 * share, left.p_value)
+    if left.p_value < _STRUCTURE_P and share > _LEAST_SHARE:
+        return best_terms, (
+            f"axis {mismatch.axis}: a flexible model still predicts {share:.0%} of what is systematic there, "
+            "and neither a mechanism nor a formula or curve describes it."
+        )
+    return best_terms, None
+
+
+def _needed(library: Library, noise: Noise, named: Sequence[Term], unnamed: Term) -> list[Term]:
+    """Named terms that are still needed beside the unnamed one, and that one."""
+    kept = list(named)
+    former = basis(library, noise, kept).bic
+    worth = {t: basis(library, noise, [o for o in kept if o is not t]).bic - former for t in kept}
+    while kept:
+        whole = basis(library, noise, [*kept, unnamed]).bic
+        now = [basis(library, noise, [*[o for o in kept if o is not t], unnamed]).bic - whole for t in kept]
+        shares = [n / max(worth[t], 1e-9) for n, t in zip(now, kept, strict=True)]
+        weakest = int(np.argmin(shares))
+        if shares[weakest] >= _STILL_NEEDED and now[weakest] > 12.0:
+            break
+        kept = kept[:weakest] + kept[weakest + 1 :]
+    return [*kept, unnamed]
+
+
+def _best(library: Library, noise: Noise, start: Sequence[Term]) -> Score | None:
+    """The best formula or peak, or a curve or surface over the same quantities where that is clearly better."""
+    mismatch = library.mismatch
+    current = basis(library, noise, start)
+    few = coarse(mismatch, fit(mismatch, noise, start).residual, noise)
+    known = {n: (v[few.rows], unit) for n, (v, unit) in common_signals(mismatch.states).items()}
+    offered = _ranked(known, few)
+    scores = [s for t in offered[:_FINALISTS] if (s := library.score(t, current)) is not None]
+    scores = [s for s in scores if not _is_known(library, noise, s.term)]
+    if not scores:
+        return None
+    best = tune(library, current, min(scores, key=lambda s: s.bic))
+    wanted: list[frozenset[str]] = []
+    for term in offered[:40]:
+        names = _quantities(term)
+        for each in (names, *(frozenset({n}) for n in names)):
+            if each not in wanted:
+                wanted.append(each)
+    for surface in surfaces(mismatch):
+        if frozenset(surface.variables) in wanted[:_PAIRS]:
+            found = library.score(Term(surface), current)
+            if found is not None and found.bic < best.bic - _CLEARLY:
+                best = found
+    return best
+
+
+def _ranked(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
+    """Formulas and peaks by what each alone would take away from the coarse residual, best first."""
+    root = np.sqrt(few.weights)
+    target = few.values * root
+    gains: list[tuple[float, Term]] = []
+    for formula in formulas(known):
+        gains.append((_gain(formula.values(known) * root, target), Term(formula)))
+    for peak, shape in peaks(known):
+        u = known[peak.signal][0]
+        row = np.exp(-((((np.abs(u) if peak.even else u) - shape["c"]) / shape["w"]) ** 2))
+        gains.append((_gain(row * root, target), Term(peak, tuple(shape.items()))))
+    return [t for _, t in sorted(gains, key=lambda g: -g[0])]
+
+
+def tune(library: Library, current: Basis, score: Score) -> Score:
+    """The shape of an unnamed term moved to its best."""
+    if not score.term.shape:
+        return score
+    best, size = score, dict(score.term.shape)
+    names = list(size)
+
+    def loss(u: Float1D) -> float:
+        nonlocal best
+        shape = {"c": size["c"] + u[0] * size["w"], "w": size["w"] * float(np.exp(np.clip(u[1], -3, 3)))}
+        found = library.score(replace(score.term, shape=tuple((n, float(shape[n])) for n in names)), current)
+        if found is not None and found.bic < best.bic:
+            best = found
+        return current.rss if found is None else current.rss - found.gain
+
+    minimize(loss, np.zeros(2), method="Nelder-Mead", options={"maxfev": 40, "initial_simplex": _SIMPLEX})
+    return best
+
+
+def _is_known(library: Library, noise: Noise, term: Term) -> bool:
+    """Whether a formula is a mechanism of the catalogue in other words."""
+    row = noise.whiten(term.columns(library.mismatch.states)).astype(np.float32)[0]
+    length = float(np.sqrt(row @ row))
+    singles = [i for i, j in library.spans if j - i == 1]
+    size = np.sqrt([max(float(g[0, 0]), 1e-30) for g, (i, j) in zip(library.grams, library.spans, strict=True) if j - i == 1])
+    return length == 0 or bool(np.max(np.abs(library.whitened[singles] @ row) / size, initial=0.0) > _SAME * length)
+
+
+def _quantities(term: Term) -> frozenset[str]:
+    match term.mechanism:
+        case Formula(factors=factors):
+            return frozenset(n for n, _ in factors)
+        case Peak(signal=signal):
+            return frozenset({signal})
+        case _:
+            return frozenset()
+
+
+def _gain(row: Float1D, target: Float1D) -> float:
+    size = float(row @ row)
+    return float(row @ target) ** 2 / size if size > 0 else 0.0
+
+
+def _explained(mismatch: Mismatch, terms: Sequence[Term], amplitudes) -> float:
+    if not terms:
+        return 0.0
+    effect = sum(a @ t.columns(mismatch.states) for t, a in zip(terms, amplitudes, strict=True))
+    return float(np.mean(effect[mismatch.usable] ** 2))
