@@ -122,7 +122,7 @@ def _contradictions(time: Float1D, pos: Float1D, v: Float1D) -> dict[str, Bool1D
     moved, expected = np.diff(pos), 0.5 * (v[1:] + v[:-1]) * step
     gap = np.nan_to_num(moved - expected)
     tolerance = _FACTOR * 1.4826 * float(np.median(np.abs(gap))) + 0.5 * float(np.nanquantile(np.abs(expected), 0.999))
-    tolerance = max(tolerance, float(np.nanmax(np.abs(np.diff(v)), initial=0.0) * np.median(step)) , 1e-9)
+    tolerance = max(tolerance, float(np.nanmax(np.abs(np.diff(v)), initial=0.0) * np.median(step)), 1e-9)
     jump = np.zeros(len(time), bool)
     regular = step < 1.5 * np.median(step)
     jump[1:] = (np.abs(gap) > tolerance) & regular

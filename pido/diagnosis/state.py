@@ -1,7 +1,7 @@
 """What one axis did and carries along in one part: the state that mechanisms act on.
 
 In:  recordings in production order, one axis.
-Out: `AxisState` per part: motion, memory (held direction, way since the last reversal, wear, clock), load, surroundings.
+Out: `AxisState` per part: motion, memory (held direction, reversals, wear, clock), load, surroundings.
 What a recording cannot give is None, and mechanisms that need it do not apply; nothing is guessed. Two things are
 derived where they are missing: speed from position and acceleration from speed, by central differences. Only the
 simulated, never the recorded current is needed here.
@@ -133,6 +133,7 @@ def _state(
     since, since_s, segment = _since_reversal(time, own, pos)
     forces = {a: f for a in LINEAR_AXES if (f := _numbers(recording, FORCE_SIM[a])) is not None}
     across = [f for a, f in forces.items() if a != axis]
+    complete = len(across) == len([a for a in LINEAR_AXES if a != axis])
     m_sp, mrr = _numbers(recording, "m_sp_sim"), _numbers(recording, "mrr_sim")
     engaged = _engaged(mrr, m_sp, forces)
     info = recording.part
@@ -164,7 +165,7 @@ def _state(
         segment=segment,
         others=motions,
         force=forces.get(axis),
-        force_perp=np.sqrt(np.sum(np.square(across), axis=0)) if len(across) == (2 if axis in LINEAR_AXES else 3) else None,
+        force_perp=np.sqrt(np.sum(np.square(across), axis=0)) if complete else None,
         m_sp=m_sp,
         mrr=mrr,
         ar=_area_removal(mrr, own, motions, axis),
@@ -191,7 +192,7 @@ def _state(
 
 
 def motion(recording: Recording, axis: str, machine: Machine | None = None) -> Motion | None:
-    """Speed, acceleration and direction of one axis, derived where the recording lacks them; None without any motion."""
+    """Speed, acceleration and direction of one axis, derived where they are missing; None without any."""
     v, a, pos = (_numbers(recording, c[axis]) for c in (VELOCITY, ACCELERATION, POSITION))
     if v is None:
         if pos is None or len(recording) < 2:

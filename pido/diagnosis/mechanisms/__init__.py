@@ -3,25 +3,38 @@
 `external_force` needs a search in time and is in `pido.diagnosis.events`; `input_fault` is in `pido.diagnosis.faults`.
 """
 
+from pido.diagnosis.mechanisms import data, drive, friction, process, slow, spindle
 from pido.diagnosis.mechanisms.base import Mechanism
-from pido.diagnosis.mechanisms.friction import (
-    CoulombFriction,
-    FrictionAsymmetry,
-    LoadDependentFriction,
-    PositionDependentFriction,
-    PreslidingHysteresis,
-    StandstillFriction,
-    StribeckFriction,
-    ViscousFriction,
-)
 
 CATALOGUE: tuple[Mechanism, ...] = (
-    CoulombFriction(),
-    ViscousFriction(),
-    StribeckFriction(),
-    StandstillFriction(),
-    FrictionAsymmetry(),
-    LoadDependentFriction(),
-    PositionDependentFriction(),
-    PreslidingHysteresis(),
+    friction.CoulombFriction(),
+    friction.ViscousFriction(),
+    friction.StribeckFriction(),
+    friction.StandstillFriction(),
+    friction.FrictionAsymmetry(),
+    friction.LoadDependentFriction(),
+    friction.PositionDependentFriction(),
+    friction.PreslidingHysteresis(),
+    drive.Backlash(),
+    drive.Inertia(),
+    drive.GravityLoad(),
+    drive.AxisCoupling(),
+    drive.TorqueRipple(),
+    process.CuttingForce(),
+    process.EdgeForce(),
+    process.ToolWear(),
+    process.MaterialHardZone(),
+    process.CoolantLoad(),
+    spindle.SpindleViscousDrag(),
+    spindle.SpindleWindage(),
+    spindle.SpindleInertia(),
+    spindle.SpindleTorqueLoad(),
+    slow.ThermalDrift(),
+    slow.CurrentSaturation(),
+    data.TimeMisalignment(),
+    data.SensorGain(),
+    data.SensorOffset(),
+    data.SensorClipping(),
 )
+
+__all__ = ["CATALOGUE", "Mechanism"]

@@ -17,6 +17,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import AXES
+from pido.diagnosis.mechanisms.advice import recordings_against
 from pido.diagnosis.state import AxisState
 
 
@@ -58,7 +59,11 @@ class Mechanism(ABC):
     shape: ClassVar[tuple[Parameter, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = AXES
     summary: ClassVar[str] = ""
-    tell_apart: ClassVar[Mapping[str, str]] = {}
+
+    @property
+    def tell_apart(self) -> dict[str, str]:
+        """Identifier of a mechanism that this one may be mistaken for -> the recording that separates them."""
+        return recordings_against(self.id)
 
     @abstractmethod
     def regressors(self, state: AxisState, **shape: float) -> Float2D:

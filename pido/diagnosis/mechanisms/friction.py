@@ -40,12 +40,6 @@ class CoulombFriction(Mechanism):
     equation = "dI = F_c * sgn(v)"
     amplitudes = (Parameter("F_c", "A", low=0.0),)
     summary = "whenever the {axis} axis moves, against its direction"
-    tell_apart = {
-        "standstill_friction": "an air cut with stops of some seconds after moves in both directions",
-        "friction_asymmetry": "the same move to and fro at one feed",
-        "viscous_friction": "an air cut at three feeds, 40 s",
-        "stribeck_friction": "an air cut from 0.1 to 10 mm/s in six feeds, both directions",
-    }
 
     def regressors(self, state, **shape):
         return column(direction(state))
@@ -62,7 +56,6 @@ class ViscousFriction(Mechanism):
     amplitudes = (Parameter("F_v", "A/(mm/s)", low=0.0),)
     axes = LINEAR_AXES
     summary = "in motion of the {axis} axis, more at higher feed"
-    tell_apart = {"coulomb_friction": "an air cut at three feeds, 40 s", "inertia": "long moves at constant feed"}
 
     def regressors(self, state, **shape):
         return column(state.v * state.moving)
@@ -82,12 +75,6 @@ class StribeckFriction(Mechanism):
         Parameter("delta", "–", low=0.5, high=2.0, values=(1.0, 2.0)),
     )
     axes = LINEAR_AXES
-    tell_apart = {
-        "presliding_hysteresis": "slow moves of some mm at 0.1, 0.5 and 2 mm/s without a reversal",
-        "standstill_friction": "slow moves at 0.1 to 2 mm/s and stops of some seconds",
-        "backlash": "slow moves of some mm without a reversal",
-        "coulomb_friction": "an air cut at six feeds from 0.1 to 10 mm/s",
-    }
 
     def regressors(self, state, *, v_s, delta):
         return column(stribeck_curve(state.v, v_s, delta) * direction(state))
@@ -108,11 +95,6 @@ class StandstillFriction(Mechanism):
     amplitudes = (Parameter("F_h", "A", low=0.0),)
     axes = LINEAR_AXES
     summary = "{axis} axis, at standstill, with the sign of its last motion"
-    tell_apart = {
-        "coulomb_friction": "an air cut with stops of some seconds after moves in both directions",
-        "stribeck_friction": "slow moves at 0.1 to 2 mm/s and stops of some seconds",
-        "sensor_offset": "stops after moves in both directions",
-    }
 
     def regressors(self, state, **shape):
         return column(state.held * ~state.moving)
@@ -134,11 +116,6 @@ class FrictionAsymmetry(Mechanism):
     shape = (choice("side", 3),)
     axes = LINEAR_AXES
     summary = "{axis} axis, friction differs between + and - direction"
-    tell_apart = {
-        "sensor_offset": "stops of some seconds between moves in both directions",
-        "gravity_load": "stops of some seconds between moves in both directions",
-        "coulomb_friction": "the same move to and fro at three feeds",
-    }
 
     def regressors(self, state, *, side):
         h = direction(state)
@@ -158,7 +135,6 @@ class LoadDependentFriction(Mechanism):
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
-    tell_apart = {"cutting_force": "a slot along the axis in both directions, at two depths of cut"}
 
     def regressors(self, state, **shape):
         return nothing(state) if state.force_perp is None else column(state.force_perp * direction(state))
@@ -178,7 +154,6 @@ class PositionDependentFriction(Mechanism):
     shape = (Parameter("L", "mm", low=25.0, high=2000.0, scale="log", points=14),)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion, friction varies along the travel with {L:.3g} mm"
-    tell_apart = {"torque_ripple": "one long move to and fro at constant feed"}
 
     def regressors(self, state, *, L):
         if state.pos is None:
@@ -198,11 +173,6 @@ class PreslidingHysteresis(Mechanism):
     amplitudes = (Parameter("F_p", "A", low=0.0),)
     shape = (Parameter("x_0", "mm", low=0.003, high=3.0, scale="log", points=7), choice("full", 2))
     axes = LINEAR_AXES
-    tell_apart = {
-        "stribeck_friction": "slow moves of some mm at 0.1, 0.5 and 2 mm/s without a reversal",
-        "backlash": "to and fro moves of 0.05, 0.2 and 1 mm",
-        "coulomb_friction": "to and fro moves of 0.05, 0.2 and 1 mm",
-    }
 
     def regressors(self, state, *, x_0, full):
         z = dahl_state(state.held, state.since_reversal, state.segment, x_0)

@@ -1,0 +1,87 @@
+"""Not physics: the recording is shifted, scaled, offset or limited.
+
+In:  `AxisState` with the simulated current. Out: mechanisms of kind 'data_fault'; none reads the recorded current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, column, nothing
+from pido.diagnosis.state import AxisState
+from pido.physics.drive import beyond
+
+
+class _OfSimulation(Mechanism):
+    """Needs the simulated current."""
+
+    kind = "data_fault"
+
+    def needs(self, states: Sequence[AxisState]) -> str | None:
+        return "no simulated current of this axis" if any(s.sim is None for s in states) else None
+
+
+class TimeMisalignment(_OfSimulation):
+    """The recording lags the simulation by shift + drift * t; the difference over `step` is exact where they agree."""
+
+    id = "time_misalignment"
+    equation = "dI = -(shift + drift * t) * (I_sim(t) - I_sim(t - step)) / step"
+    amplitudes = (Parameter("shift", "s", low=-2.0, high=2.0), Parameter("drift", "–", low=-0.05, high=0.05))
+    shape = (
+        Parameter(
+            "step", "s", low=-2.0, high=2.0,
+            values=(-1.0, -0.5, -0.25, -0.12, -0.06, -0.03, -0.01, 0.01, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0),
+        ),
+    )  # fmt: skip
+    summary = "{axis} axis, wherever the current changes quickly"
+
+    def regressors(self, state, *, step):
+        if state.sim is None:
+            return nothing(state, 2)
+        good = np.isfinite(state.sim)
+        if not good.any():
+            return nothing(state, 2)
+        step = step if abs(step) > 1e-3 else 1e-3
+        earlier = np.interp(state.time - step, state.time[good], state.sim[good])
+        rate = (earlier - state.sim) / step
+        return np.column_stack([rate, rate * state.time])
+
+
+class SensorGain(_OfSimulation):
+    """The measured current is scaled."""
+
+    id = "sensor_gain"
+    equation = "dI = (g - 1) * I_sim"
+    amplitudes = (Parameter("g - 1", "–", low=-0.9),)
+    summary = "{axis} axis, at all times, in proportion to the whole current"
+
+    def regressors(self, state, **shape):
+        return nothing(state) if state.sim is None else column(state.sim)
+
+
+class SensorOffset(Mechanism):
+    """The measured current is shifted by a constant."""
+
+    id = "sensor_offset"
+    equation = "dI = I_0"
+    kind = "data_fault"
+    amplitudes = (Parameter("I_0", "A"),)
+    summary = "{axis} axis, at all times"
+
+    def regressors(self, state, **shape):
+        return column(np.ones(len(state.time)))
+
+
+class SensorClipping(_OfSimulation):
+    """The measured current is limited: all that the simulation has beyond the limit is missing."""
+
+    id = "sensor_clipping"
+    equation = "dI = -c * (|I_sim| - I_max)+ * sgn(I_sim), c near 1"
+    amplitudes = (Parameter("c", "–", low=0.7, high=1.3),)
+    shape = (Parameter("I_max", "A", low=0.2, high=60.0, scale="log", points=16),)
+    summary = "{axis} axis, wherever the current would exceed {I_max:.3g} A"
+
+    def regressors(self, state, *, I_max):
+        return nothing(state) if state.sim is None else column(-beyond(state.sim, I_max))
