@@ -16,6 +16,10 @@ from pido.core.arrays import Array1D
 from pido.core.errors import RecordingError
 
 
+_BLOCK = 1 << 21
+"""Bytes parsed at once by one thread; pyarrow's own 1 MiB makes more chunks, and so more to join, than needed."""
+
+
 def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> dict[str, Array1D]:
     """`columns` as float64 (n,), `text` as objects. Raises RecordingError naming line or column of the first fault."""
     columns, text = list(columns), list(text)
@@ -23,6 +27,7 @@ def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> di
     try:
         table = pc.read_csv(
             path,
+            read_options=pc.ReadOptions(block_size=_BLOCK),
             convert_options=pc.ConvertOptions(
                 include_columns=columns + text,
                 column_types=types,
@@ -33,4 +38,9 @@ def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> di
         raise RecordingError(f"{path}: cannot be read as CSV: {error}. Export the recording again.") from None
     if table.num_rows == 0:
         raise RecordingError(f"{path}: the file has column names but no rows. Export the recording again.")
-    return {name: np.array(table.column(name).to_numpy()) for name in columns + text}
+    return {name: _owned(table.column(name).to_numpy()) for name in columns + text}
+
+
+def _owned(values: Array1D) -> Array1D:
+    """An array that may be written to: several chunks were copied into one already, a single one is still Arrow's."""
+    return values if values.flags.writeable else values.copy()

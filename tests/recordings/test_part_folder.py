@@ -12,7 +12,7 @@ from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
 
 
-@pytest.fixture()
+@pytest.fixture
 def folder(tmp_path):
     rng = np.random.default_rng(1)
     names = [f"{q}_{a}" for q in ("pos", "v", "a", "curr") for a in ("x", "y", "z", "sp")]

@@ -37,7 +37,7 @@ def _write(path, messages=MESSAGES, *, style="lines", cycle_ms=2, axes=AXES, hea
     header = {"SignalListHFData": signals, "MachineInfo": {"MachineName": "mill 7"}, "CycleTimeMs": cycle_ms}
     if style == "lines":
         body = ",\n".join(json.dumps(m) for m in messages)
-        path.write_text('{\n"Header":\n%s,\n"Payload":\n[%s],\n"Footer": {}\n}\n' % (json.dumps(header), body))
+        path.write_text(f'{{\n"Header":\n{json.dumps(header)},\n"Payload":\n[{body}],\n"Footer": {{}}\n}}\n')
     else:
         parts = {"Header": header, "Payload": messages, "Footer": {}}
         if header_last:
