@@ -1,4 +1,4 @@
-"""Parts of a plain made-up machine, for the demo where no recordings are given: contours on one plane, textbook currents.
+"""Parts of a plain made-up machine, for a demo without recordings: contours on one plane, textbook currents.
 
 In:  how many parts, a seed. Out: part folders' content (`Recording`), 50 Hz, in the contract's columns.
 
@@ -76,7 +76,7 @@ def _path(number: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     circle = np.linspace(0, 2 * np.pi, 120)
     ring = np.array([12.0, 0.0]) + 10.0 * np.column_stack([np.cos(circle), np.sin(circle)])
     plane = np.vstack([outline, ring])
-    points = np.column_stack([plane + [200.0, 200.0], np.full(len(plane), -5.0)])
+    points = np.column_stack([plane + 200.0, np.full(len(plane), -5.0)])
     points = np.vstack([points[0] + [0, 0, 5.0], points, points[-1] + [0, 0, 5.0]])
     length = np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
     s = np.arange(0.0, length[-1], feed / RATE_HZ)

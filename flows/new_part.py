@@ -16,7 +16,7 @@ from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
-from pido import production
+from pido import parts, production
 from pido.core.errors import PidoError
 from pido.tracking.figures import table
 from pido.workspace import Workspace
@@ -53,10 +53,11 @@ def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str,
     try:
         arrived = ingest(workspace, path, machine)
     except PidoError as error:
-        production.reject(Workspace.open(workspace), Path(path), str(error))
+        if not isinstance(error, parts.Changed):
+            parts.reject(Workspace.open(workspace), Path(path), str(error), move=True)
         raise
     outcome = iteration(workspace, arrived["machine"], arrived["part"])
-    production.put_away(Workspace.open(workspace), Path(path))
+    parts.put_away(Workspace.open(workspace), Path(path))
     return outcome
 
 
@@ -88,6 +89,7 @@ def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
             retrain(workspace, key)
             evaluate(workspace, key)
             publish(workspace, key)
+            production.clear(workspace, key)
         log(workspace)
     outcome = production.outcome(workspace, key)
     create_markdown_artifact(key="iteration", markdown=_page(outcome), description=outcome["part"]["name"])

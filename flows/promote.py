@@ -40,7 +40,8 @@ def promote(workspace: str, machine: str, version: int) -> dict[str, Any]:
     if standing.state == "champion":
         return {"machine": machine, "version": version, "action": "approve"}
     gate = standing.version.gate
-    page = f"# {machine}: version {version}\n\nGate {'passed' if gate.get('passed') else 'NOT passed'}. {gate.get('words', '')}"
+    verdict = "passed" if gate.get("passed") else "NOT passed"
+    page = f"# {machine}: version {version}\n\nGate {verdict}. {gate.get('words', '')}"
     answer = suspend_flow_run(
         wait_for_input=Decision.with_initial_data(description=page, approve=False, by="", reason=""),
         timeout=WAIT_S,

@@ -10,6 +10,7 @@ import os
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import click
 from prefect import serve
@@ -30,17 +31,16 @@ def main(folder: Path) -> None:
     PREFECT_API_URL=http://127.0.0.1:4200/api python -m flows.serve --workspace plant
     """
     workspace = Workspace.open(folder)
-    place = str(workspace.root)
     threading.Thread(target=_beat, args=(workspace.root / "worker.alive",), daemon=True).start()
-    serve(
-        new_part.to_deployment("arrivals", parameters={"workspace": place}),
-        retrain_machine.to_deployment("on-request", parameters={"workspace": place}),
-        nightly.to_deployment(
-            "nightly", parameters={"workspace": place}, cron=os.environ.get("PIDO_NIGHTLY", "0 3 * * *")
-        ),
-        promote.to_deployment("approval", parameters={"workspace": place}),
-        limit=2,
-    )
+    place = {"workspace": str(workspace.root)}
+    cron = os.environ.get("PIDO_NIGHTLY", "0 3 * * *")
+    deployments: list[Any] = [
+        new_part.to_deployment("arrivals", parameters=place),
+        retrain_machine.to_deployment("on-request", parameters=place),
+        nightly.to_deployment("nightly", parameters=place, cron=cron),
+        promote.to_deployment("approval", parameters=place),
+    ]
+    serve(*deployments, limit=2)
 
 
 def _beat(path: Path) -> None:

@@ -244,9 +244,13 @@ def retrain(real: Samples, generated: Samples, variant: str, method: Method, see
 
 def evaluate(path: Samples, before: Samples, models: Mapping[str, AxisModels]) -> Evaluation:
     """What models and trivial rivals, all trained without it, said about the arriving part."""
-    predicted = {name: make(before)(path) for name, make in RIVALS.items()}
-    predicted |= {variant: model.predict(path) for variant, model in models.items()}
+    predicted = rivals(path, before) | {variant: model.predict(path) for variant, model in models.items()}
     return Evaluation(predicted, {name: metrics(path.currents, said) for name, said in predicted.items()})
+
+
+def rivals(path: Samples, before: Samples) -> dict[str, Float2D]:
+    """What the trivial rivals say about the arriving part."""
+    return {name: make(before)(path) for name, make in RIVALS.items()}
 
 
 def bins_before_and_after(balanced: Balanced, real: Samples, grid: Grid) -> tuple[Float2D, Int1D, Int1D]:

@@ -6,7 +6,8 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
 
     plant/
       workspace.toml   settings (optional)
-      inbox/           where parts arrive                rejected/   parts that cannot be used, each with its reason
+      inbox/           where parts arrive                rejected/   what cannot be used, each with its reason
+      taken/           what arrived and was taken in     work/       an iteration on its way (can be deleted)
       store/           recordings, append-only           derived/    the samples made from them (can be deleted)
       ledger.db        what was done with each part      runs/       what each iteration found, by run key
       bundles/         models + equation + limits        registry/   champion per machine, audit log
@@ -19,7 +20,6 @@ import fcntl
 import hashlib
 import json
 import os
-import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,13 +27,14 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt
 
 from pido import __version__
 from pido.config import parse, read_toml
 from pido.core.errors import SettingsError, StoreError
+from pido.core.names import file_name
 
 _METHOD = ("core", "physics", "process", "recordings", "feature_space", "equations", "sampling", "models")
 
@@ -52,7 +53,9 @@ class WorkspaceSettings(BaseModel):
     method: dict[str, Any] = Field(default_factory=dict, description="settings of the method; see MethodSettings")
     seed: NonNegativeInt = Field(default=0, description="of everything that draws at random")
     rate_hz: PositiveFloat = Field(default=50.0, description="samples per second that the method works on, 1/s")
-    rivals: bool = Field(default=True, description="train real-only, +PiA and +PiE beside +both, to compare")
+    air_cut: bool = Field(default=False, description="parts without process quantities were cut in air: no forces")
+    grid_mm: PositiveFloat = Field(default=0.1, description="cell of the height map, mm")
+    compare: bool = Field(default=True, description="train real-only, +PiA and +PiE beside +both, to compare")
     gate_parts: PositiveInt = Field(default=5, description="most recent parts on which the gate compares")
     tracking_uri: str | None = Field(default=None, description="MLflow server; none: mlflow.db in the workspace")
     approval_token_sha256: str | None = Field(
@@ -77,12 +80,48 @@ class Workspace:
         try:
             root.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise StoreError(
-                f"{root}: no workspace can be made here: {error.strerror}. Choose another folder."
-            ) from None
+            raise StoreError(f"{root}: no workspace can be made here ({error.strerror}); choose another.") from None
         file = root / "workspace.toml"
         content = {**(read_toml(file) if file.exists() else {}), **{k: v for k, v in changes.items() if v is not None}}
         return cls(root, parse(WorkspaceSettings, content, str(file)))
+
+    @classmethod
+    def make(cls, root: Path | str, job: Path | None = None, **wanted: Any) -> Workspace:
+        """The workspace at `root` under the settings `wanted`, which are written into it when it is new.
+
+        job : a job file for machine `wanted["machine"]`; it is copied into the workspace
+        One workspace has one set of settings: SettingsError where it is there already and says otherwise.
+        """
+        root = Path(root).absolute()
+        given = {name: value for name, value in wanted.items() if value is not None}
+        file = root / "workspace.toml"
+        if job is not None:
+            name = f"jobs/{file_name(given['machine'])}.toml"
+            given["jobs"] = {given["machine"]: name}
+        if file.exists() or (root / "ledger.db").exists():
+            here = cls.open(root)
+            for name, value in given.items():
+                says = getattr(here.settings, name)
+                if name == "jobs":
+                    (machine, place), says = next(iter(value.items())), says
+                    same = machine in says and (root / place).read_bytes() == Path(str(job)).read_bytes()
+                else:
+                    same = says == value
+                if not same:
+                    raise SettingsError(
+                        f"{file}: {name} is {says!r} in this workspace, not {value!r}. Change it there, for all its "
+                        "parts, or use another workspace."
+                    )
+            return here
+        if given:
+            parse(WorkspaceSettings, given, str(root))
+            jobs = given.pop("jobs", {})
+            lines = [f"{name} = {json.dumps(value)}" for name, value in given.items()]
+            lines += ["[jobs]", *(f"{json.dumps(m)} = {json.dumps(p)}" for m, p in jobs.items())] if jobs else []
+            for place in jobs.values():
+                write_atomically(root / place, Path(str(job)).read_bytes())
+            write_atomically(file, "\n".join(lines) + "\n")
+        return cls.open(root)
 
     @property
     def inbox(self) -> Path:
@@ -99,6 +138,14 @@ class Workspace:
     @property
     def derived(self) -> Path:
         return self.root / "derived"
+
+    @property
+    def work(self) -> Path:
+        return self.root / "work"
+
+    @property
+    def taken(self) -> Path:
+        return self.root / "taken"
 
     @property
     def runs(self) -> Path:
@@ -135,6 +182,8 @@ class Workspace:
             {
                 "method": s.method,
                 "rate_hz": s.rate_hz,
+                "air_cut": s.air_cut,
+                "grid_mm": s.grid_mm,
                 "files": [hashlib.sha256((self.root / f).read_bytes()).hexdigest() if f else None for f in own],
             }
         )
@@ -157,7 +206,7 @@ class Workspace:
 
         Raises StoreError after `timeout_s`; None waits as long as it takes.
         """
-        path = self.root / "locks" / f"{safe_name(machine)}.lock"
+        path = self.root / "locks" / f"{file_name(machine)}.lock"
         path.parent.mkdir(parents=True, exist_ok=True)
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         with path.open("a+") as handle:
@@ -195,12 +244,6 @@ def _sources(folder: Path) -> Iterator[tuple[str, bytes]]:
 def digest_of(content: Any) -> str:
     """SHA-256 of `content` as canonical JSON."""
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":"), default=str).encode()).hexdigest()
-
-
-def safe_name(text: str) -> str:
-    """`text` as a file name: what could climb out of a folder or confuse a shell is replaced, told apart by digest."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", text).lstrip(".")[:64]
-    return plain if plain == text else f"{plain or 'unnamed'}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
@@ -245,13 +288,3 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-Variant = Literal["real", "pia", "pie", "both"]
-
-
-def require_known(name: str, known: list[str], what: str) -> str:
-    """`name` if it is one of `known`, else a SettingsError that lists them."""
-    if name not in known:
-        raise SettingsError(f"{what} '{name}' is not known here. Known: {', '.join(known) or 'none'}.")
-    return name

@@ -14,8 +14,10 @@ from matplotlib.figure import Figure
 from pido.core.axes import AXES
 from pido.tracking.report_files import RunFiles
 
-_VARIANTS = (("constant", "0.75"), ("line", "0.6"), ("nearest", "0.45"), ("real", "tab:blue"), ("pia", "tab:cyan"),
-             ("pie", "tab:green"), ("both", "tab:orange"))  # fmt: skip
+_VARIANTS = (
+    ("constant", "0.75"), ("friction line", "0.6"), ("nearest commands", "0.45"),
+    ("real", "tab:blue"), ("pia", "tab:cyan"), ("pie", "tab:green"), ("both", "tab:orange"),
+)  # fmt: skip
 
 
 def figures(files: RunFiles) -> dict[str, Figure]:
@@ -56,7 +58,7 @@ def _errors(metrics: dict[str, dict[str, dict[str, float]]]) -> Figure:
 
 
 def _trace(trace: pd.DataFrame) -> Figure:
-    axes = [a for a in AXES if f"measured_{a}" in trace and trace[f"measured_{a}"].notna().any()]
+    axes = [a for a in AXES if np.isfinite(trace[f"measured_{a}"].to_numpy(float)).any()]
     figure = Figure(figsize=(10, 2.0 * max(len(axes), 1)), layout="constrained")
     for place, axis in enumerate(axes, start=1):
         ax = figure.add_subplot(len(axes), 1, place)

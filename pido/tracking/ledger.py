@@ -148,6 +148,11 @@ class Ledger:
         """Digests of the parts that went through an iteration, in the order of arrival."""
         return [d for (d,) in self._rows("SELECT digest FROM parts WHERE machine = ? ORDER BY number", machine)]
 
+    def machine_of(self, part: str) -> str | None:
+        """The machine of a part that went through an iteration, or None."""
+        rows = self._rows("SELECT machine FROM parts WHERE digest = ?", part)
+        return rows[0][0] if rows else None
+
     def machines(self) -> list[str]:
         return [m for (m,) in self._rows("SELECT DISTINCT machine FROM parts ORDER BY machine")]
 
@@ -216,11 +221,12 @@ class Ledger:
             "SELECT machine, version, bundle, run_key, gate, at FROM versions WHERE machine = ? ORDER BY version",
             machine,
         )
-        return [Version(*row[:4], json.loads(row[4]), row[5]) for row in rows]
+        return [Version(m, v, bundle, key, json.loads(gate), at) for m, v, bundle, key, gate, at in rows]
 
 
 _ITERATION = "run_key, machine, part, version, summary, logged"
 
 
 def _iteration(row: tuple[Any, ...]) -> Iteration:
-    return Iteration(*row[:4], json.loads(row[4]), row[5])
+    run_key, machine, part, version, summary, logged = row
+    return Iteration(run_key, machine, part, version, json.loads(summary), logged)

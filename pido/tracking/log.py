@@ -52,12 +52,24 @@ def log_pending(workspace: Workspace) -> int:
     return len(pending)
 
 
+def try_log_pending(workspace: Workspace) -> tuple[int, str]:
+    """`log_pending`; where MLflow cannot be reached: (0, why), and everything waits for the next call."""
+    from mlflow.exceptions import MlflowException
+
+    try:
+        return log_pending(workspace), ""
+    except (MlflowException, OSError) as error:
+        return 0, str(error).splitlines()[0]
+
+
 def log_iteration(workspace: Workspace, iteration: Iteration) -> str:
     """The id of the MLflow run of this iteration, which is written if it is not there."""
     files = report_files.load(workspace.runs, iteration.run_key)
     bundle = load(workspace.bundles, files.summary["bundle"])
     with client(workspace) as store, warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="mlflow")
+        # MLflow tries the input example, which has names, on an estimator that was fitted on plain arrays
+        warnings.filterwarnings("ignore", message="X has feature names")
         place = experiment(workspace, store, iteration.machine)
         finished = _earlier(store, place, iteration)
         return finished or _write(workspace, store, place, iteration, files, bundle)
@@ -173,7 +185,7 @@ def _metrics(summary: dict[str, Any]) -> dict[str, float]:
         for name, measures in summary["metrics"].get(axis, {}).items()
         for measure, value in measures.items()
     }
-    values |= {f"balance/{k}": v for k, v in summary["balance"].items()}
+    values |= {f"balance/{k}": summary["balance"][k] for k in ("before", "after", "relevant_bins")}
     values |= {f"rows/{name}": d["rows"] for name, d in summary["data"].items()}
     values |= {f"seconds/{name}": s for name, s in summary["seconds"].items()}
     return {name: float(value) for name, value in values.items() if value is not None}

@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from pido.core.axes import AXES
-from pido.workspace import Workspace, safe_name
+from pido.core.names import file_name
+from pido.workspace import Workspace
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -48,13 +49,13 @@ def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:
     if found is not None:
         return found.experiment_id
     embedded = workspace.tracking_uri.startswith("sqlite:")
-    place = (workspace.root / "mlartifacts" / safe_name(machine)).as_uri() if embedded else None
+    place = (workspace.root / "mlartifacts" / file_name(machine)).as_uri() if embedded else None
     return store.create_experiment(name, artifact_location=place)
 
 
 def model_names(machine: str) -> dict[str, str]:
     """Axis -> name of the registered model."""
-    return {axis: f"{safe_name(machine)}-{axis}" for axis in AXES}
+    return {axis: f"{file_name(machine)}-{axis}" for axis in AXES}
 
 
 def how_to_open(workspace: Workspace) -> str:

@@ -20,11 +20,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from pido.core.errors import RegistryError
+from pido.core.names import file_name
 from pido.tracking import audit
 from pido.tracking.audit import Record
 from pido.tracking.bundle import Bundle, load, verify
 from pido.tracking.ledger import Ledger, Version
-from pido.workspace import Workspace, safe_name, write_atomically
+from pido.workspace import Workspace, write_atomically
 
 TOKEN = "PIDO_APPROVAL_TOKEN"
 
@@ -197,8 +198,8 @@ def _check_person(workspace: Workspace, by: str, reason: str) -> None:
 
 
 def _pointer(workspace: Workspace, machine: str) -> Path:
-    return workspace.registry / safe_name(machine) / "champion.json"
+    return workspace.registry / file_name(machine) / "champion.json"
 
 
 def _log(workspace: Workspace, machine: str) -> Path:
-    return workspace.registry / safe_name(machine) / "audit.jsonl"
+    return workspace.registry / file_name(machine) / "audit.jsonl"

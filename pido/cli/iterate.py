@@ -1,0 +1,101 @@
+"""`pido iterate`: one production iteration for each part, in this process, without a server."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pido.cli.places import workspace_option
+
+if TYPE_CHECKING:
+    from pido.workspace import Workspace
+
+
+@click.command()
+@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
+@workspace_option
+@click.option("--machine", default=None, help="machine of recordings that do not name theirs")
+@click.option("--job", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="what is cut with what")
+@click.option("--air-cut", is_flag=True, default=None, help="parts without process quantities were cut in air")
+@click.option("--seed", type=int, default=None, help="of everything that draws at random")
+@click.option("--json", "as_json", is_flag=True, help="for a machine to read")
+def command(
+    paths: tuple[Path, ...],
+    folder: Path,
+    machine: str | None,
+    job: Path | None,
+    air_cut: bool | None,
+    seed: int | None,
+    as_json: bool,
+) -> None:
+    """Refit, balance, retrain, evaluate and log, once per part of PATHS; without PATHS, retrain on the known parts.
+
+    A part that is known already costs nothing. What cannot be used is put into the rejected area with its reason, and
+    the others go on; the exit code is then 1. What --machine, --job, --air-cut and --seed say is written into the
+    workspace when it is made, and holds for all its parts.
+
+    \b
+    pido iterate parts/p01 parts/p02 --workspace plant
+    pido iterate capture.json --machine dmc60h --job jobs/gear.toml --workspace plant
+    """
+    from pido.workspace import Workspace
+
+    if job and not machine:
+        raise click.UsageError("--job needs --machine: a job belongs to a machine.")
+    workspace = Workspace.make(folder, job=job, machine=machine, air_cut=air_cut, seed=seed)
+    waiting = [path for path in paths if not _known(workspace, path)]
+    if paths and not waiting:
+        _say({"done": [], "known": len(paths), "rejected": []}, as_json)
+        return
+    from pido.cli.progress import Progress
+    from pido.plain import retrain_all, run
+
+    with Progress("iterating") as progress:
+        answer = run(workspace, waiting, machine, progress) if paths else retrain_all(workspace, progress)
+    answer["known"] = len(paths) - len(waiting)
+    _say(answer, as_json)
+    if answer["rejected"]:
+        raise SystemExit(1)
+
+
+def _known(workspace: Workspace, path: Path) -> bool:
+    """Whether this arrival went through an iteration, and the state of its machine is up to date. Nothing heavy is
+    imported to find out."""
+    from pido.core.errors import StoreError
+    from pido.tracking.ledger import Ledger
+    from pido.workspace import arrival_digest
+
+    if not workspace.ledger.exists():
+        return False
+    ledger = Ledger(workspace.ledger)
+    try:
+        arrival = ledger.arrival(arrival_digest(path))
+    except StoreError:
+        return False  # `run` says what is wrong with it
+    if arrival is None or arrival.part is None:
+        return False
+    machine = ledger.machine_of(arrival.part)
+    if machine is None:
+        return False
+    return ledger.iteration(workspace.run_key(machine, ledger.parts(machine))) is not None and not ledger.not_logged()
+
+
+def _say(answer: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps(answer, indent=1, sort_keys=True))
+        return
+    for one in answer["done"]:
+        click.echo(f"{one['part']['name']}   {one['machine']} version {one['version']}, {one['n_parts']} part(s)")
+        for axis, measured in one["metrics"].items():
+            said = "   ".join(f"{name} {m['rmse']:.4g}" for name, m in measured.items())
+            click.echo(f"  {axis:<3} RMSE in A: {said}")
+        click.echo(f"  gate: {one['gate']['words']}")
+    if answer["known"]:
+        click.echo(f"{answer['known']} part(s) known already: nothing to do")
+    for one in answer["rejected"]:
+        click.echo(f"rejected {one['path']}: {one['reason']}", err=True)
+    if answer.get("fault"):
+        click.echo(f"not in MLflow yet ({answer['fault']}); it is logged with the next iteration", err=True)

@@ -1,0 +1,193 @@
+"""Parts come in: read, checked, turned into samples, stored; or rejected with the reason, and nothing else touched.
+
+In:  a path, a workspace. Out: a part in the store and its samples in `derived/`; facts in the ledger.
+
+What arrived is known by the digest of its bytes, the part in it by the digest of its content: the same part under
+another name, in another format's file or twice is one part.
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pido import config
+from pido.core.errors import PidoError, RecordingError, SettingsError, StoreError
+from pido.core.machining import Machine, Material
+from pido.core.recording import Recording
+from pido.core.samples import Samples
+from pido.files.samples import load_samples, save_samples
+from pido.iteration import PAPER, Method
+from pido.preparation import Job, job_of, prepare
+from pido.recordings import read_recording
+from pido.recordings.check import check, usable_mask
+from pido.recordings.faults import ERROR
+from pido.recordings.resample import resample
+from pido.store import Store
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace, arrival_digest, code_version, digest_of
+
+log = logging.getLogger(__name__)
+_KEPT = ("time", "pos_x", "pos_y", "pos_z", "pos_sp", "nc_line", "tool_id", "coolant")
+"""Columns that stay where a sample cannot be used: the path removes stock all the same."""
+
+
+def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
+    """Take an arrival in: {'machine', 'part' (digest), 'name', 'new'}. One that is known already changes nothing.
+
+    Raises RecordingError, SettingsError or StoreError for what cannot be used, again for what was rejected before.
+    """
+    workspace = Workspace.open(root)
+    ledger, store, place = Ledger(workspace.ledger), Store(workspace.store), Path(path)
+    key = arrival_digest(place)
+    known = ledger.arrival(key)
+    if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
+        entry = entry_of(workspace, known.part)
+        return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": False}
+    recording = _read(place, machine or workspace.settings.machine)
+    _check(recording, workspace, place)
+    from pido.store.content import digest
+
+    samples = _samples(workspace, recording, digest(recording))
+    if arrival_digest(place) != key:
+        raise Changed(f"{place}: was changed while it was read; it is taken when it has come to rest.")
+    entry = store.add(recording, source=place.name)
+    save_samples(samples, samples_path(workspace, entry.digest))
+    ledger.took(key, place.name, entry.digest)
+    return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": entry.new}
+
+
+class Changed(PidoError):
+    """An arrival that is not at rest yet. It is no reason to reject it."""
+
+
+def reject(workspace: Workspace, path: Path, reason: str, move: bool) -> Path | None:
+    """Put an arrival into the rejected area with the reason beside it, and on record. A user's own file is copied."""
+    if not path.exists():
+        return None
+    Ledger(workspace.ledger).rejected(_key_of(path), path.name, reason)
+    area = Store(workspace.store)
+    if move:
+        return area.reject(path, reason)
+    copy = workspace.work / "rejecting" / path.name
+    shutil.rmtree(copy.parent, ignore_errors=True)
+    copy.parent.mkdir(parents=True)
+    shutil.copytree(path, copy, symlinks=True) if path.is_dir() else shutil.copy2(path, copy, follow_symlinks=False)
+    try:
+        return area.reject(copy, reason)
+    finally:
+        shutil.rmtree(copy.parent, ignore_errors=True)
+
+
+def put_away(workspace: Workspace, path: Path) -> Path | None:
+    """Move an arrival that was taken in out of the inbox. Doing it again changes nothing."""
+    if not path.exists():
+        return None
+    target = workspace.taken / f"{_key_of(path)[:16]}-{path.name}"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.exists():
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    else:
+        shutil.move(path, target)
+    return target
+
+
+def samples_of(workspace: Workspace, digest: str) -> Samples:
+    """Rows of a part: as kept, or made again from the store."""
+    path = samples_path(workspace, digest)
+    if not path.exists():
+        save_samples(_samples(workspace, Store(workspace.store).load(digest), digest), path)
+    return load_samples(path)
+
+
+def samples_path(workspace: Workspace, digest: str) -> Path:
+    """Where the rows of a part are kept: they depend on the part, the settings and the code."""
+    machine = entry_of(workspace, digest).machine if Store(workspace.store).has(digest) else ""
+    under = digest_of([workspace.settings_digest(machine), code_version()])[:12]
+    return workspace.derived / f"{digest[:24]}-{under}.parquet"
+
+
+def entry_of(workspace: Workspace, digest: str):
+    """What the store's index knows about a part."""
+    for entry in Store(workspace.store).entries():
+        if entry.digest == digest:
+            return entry
+    raise StoreError(f"{workspace.store}: no part with digest {digest[:12]}.")
+
+
+def machine_of(workspace: Workspace, name: str) -> Machine:
+    """A machine by name, from the workspace's own file or as shipped."""
+    own = workspace.settings.machines_file
+    return config.machine(name, None if own is None else workspace.root / own)
+
+
+def method_of(workspace: Workspace) -> Method:
+    """The method that the settings ask for: 'adaptive' (default) or 'paper'."""
+    wanted = dict(workspace.settings.method)
+    preset = wanted.pop("preset", "adaptive")
+    if preset not in ("adaptive", "paper") or wanted:
+        raise SettingsError(f"method: preset must be 'adaptive' or 'paper'; got {workspace.settings.method}.")
+    return PAPER if preset == "paper" else Method()
+
+
+def _read(path: Path, machine: str | None) -> Recording:
+    if path.is_symlink() or (path.is_dir() and any(p.is_symlink() for p in path.rglob("*"))):
+        raise RecordingError(f"{path}: symbolic links are not followed; bring the files themselves.")
+    recording = read_recording(path, machine=machine)
+    for note in recording.notes:
+        log.info("%s: %s", path.name, note)
+    return recording
+
+
+def _check(recording: Recording, workspace: Workspace, path: Path) -> None:
+    faults = check(recording, machine_of(workspace, recording.part.machine))
+    fatal = [f for f in faults if f.severity == ERROR]
+    if fatal:
+        lines = "\n".join(f"  {fault}" for fault in fatal)
+        raise RecordingError(f"{path}: {len(fatal)} fault(s) that make it unusable:\n{lines}")
+
+
+def _samples(workspace: Workspace, recording: Recording, digest: str) -> Samples:
+    """Recording at its own rate -> rows at the method's rate."""
+    settings = workspace.settings
+    machine = machine_of(workspace, recording.part.machine)
+    usable = usable_mask(recording, check(recording, machine))
+    if not usable.all():
+        blank = {
+            name: np.where(usable, values, np.nan)
+            for name, values in recording.columns.items()
+            if name not in _KEPT and values.dtype != object
+        }
+        recording = recording.with_columns(**blank)
+    if recording.sample_rate_hz > 1.01 * settings.rate_hz:
+        recording = resample(recording, settings.rate_hz)
+    file = workspace.job_file(recording.part.machine)
+    default = Job()
+    if file is not None:
+        found = config.load_job(file)
+        default = Job(found.material, found.tools, found.stock)
+    job = job_of(recording, default, _materials(workspace))
+    samples, notes = prepare(recording, machine, job, digest, air_cut=settings.air_cut, grid_mm=settings.grid_mm)
+    for note in notes:
+        log.info("%s: %s", recording.part.part, note)
+    return replace(samples, part=np.full(len(samples), digest, dtype=object))
+
+
+def _materials(workspace: Workspace) -> dict[str, Material]:
+    own = workspace.settings.materials_file
+    path = None if own is None else workspace.root / own
+    names = set(config.shipped("materials")) | set(config.read_toml(path) if path else {})
+    return {name: config.material(name, path) for name in sorted(names)}
+
+
+def _key_of(path: Path) -> str:
+    """The digest of an arrival; of its name where it holds what is not read (links)."""
+    try:
+        return arrival_digest(path)
+    except StoreError:
+        return digest_of(["unreadable", path.name])

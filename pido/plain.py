@@ -1,0 +1,73 @@
+"""Iterations in this process, without a server: what `pido iterate` and the watcher without Prefect do.
+
+In:  a workspace and paths. Out: what each iteration found; what was rejected, and why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from pido import parts, production
+from pido.arrivals import production_order
+from pido.core.errors import PidoError
+from pido.workspace import Workspace
+
+Progress = Callable[[int, int, str], None]
+
+
+def run(
+    workspace: Workspace, paths: Sequence[Path], machine: str | None, progress: Progress, *, from_inbox: bool = False
+) -> dict[str, Any]:
+    """One iteration per part, in production order: {'done', 'rejected', 'fault'}.
+
+    from_inbox : arrivals are moved away when they are done, or into the rejected area; else files stay where they are
+    """
+    root = str(workspace.root)
+    done: list[dict[str, Any]] = []
+    rejected: list[dict[str, str]] = []
+    fault = ""
+    order = sorted(paths, key=production_order)
+    for number, path in enumerate(order):
+        progress(number, len(order), path.name)
+        try:
+            arrived = parts.ingest(root, str(path), machine)
+        except parts.Changed:
+            continue  # seen again when it has come to rest
+        except PidoError as error:
+            parts.reject(workspace, path, str(error), move=from_inbox)
+            rejected.append({"path": str(path), "reason": str(error)})
+            continue
+        key, fault, new = one(root, arrived["machine"], arrived["part"])
+        done += [production.outcome(root, key)] if new else []
+        if from_inbox:
+            parts.put_away(workspace, path)
+    progress(len(order), len(order), "done")
+    return {"done": done, "rejected": rejected, "fault": fault}
+
+
+def retrain_all(workspace: Workspace, progress: Progress) -> dict[str, Any]:
+    """Every machine's challenger brought up to its parts and settings, also when nothing arrived."""
+    root = str(workspace.root)
+    machines = production.machines(root)
+    done: list[dict[str, Any]] = []
+    fault = ""
+    for number, machine in enumerate(machines):
+        progress(number, len(machines), machine)
+        key, fault, new = one(root, machine, None)
+        done += [production.outcome(root, key)] if new else []
+    return {"done": done, "rejected": [], "fault": fault}
+
+
+def one(root: str, machine: str, part: str | None) -> tuple[str, str, bool]:
+    """All stages of one iteration inside the machine's lock: (its key, why MLflow has not got it yet or '', whether
+    this state was new)."""
+    with Workspace.open(root).lock(machine):
+        key = production.begin(root, machine, part)
+        new = not production.done(root, key)
+        if new:
+            for stage in production.STAGES:
+                stage(root, key)
+            production.clear(root, key)
+        return key, production.log(root)["fault"], new
