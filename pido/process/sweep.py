@@ -119,6 +119,8 @@ def _lowest(q, s, length, w0, dw, radius, flat, corner, slope):
     q and s place the point beside and along the step. The underside is convex and the step straight, so height over
     time is convex: a flat tool is lowest where it enters or leaves the point, others are found by ternary search.
     """
+    if length == 0.0:
+        return w0 + min(dw, 0.0) + _profile(math.hypot(q, s), flat, corner, slope)
     half = math.sqrt(max(radius * radius - q * q, 0.0))
     if length > 0.0:
         t0 = min(max((s - half) / length, 0.0), 1.0)
@@ -127,7 +129,7 @@ def _lowest(q, s, length, w0, dw, radius, flat, corner, slope):
         t0, t1 = 0.0, 1.0
     if flat >= radius:
         return w0 + dw * (t1 if dw < 0.0 else t0)
-    for _ in range(40):
+    for _ in range(14):  # places it within 0.4 % of the step; the error in height is of second order
         a = t0 + (t1 - t0) / 3.0
         b = t1 - (t1 - t0) / 3.0
         if w0 + dw * a + _profile(math.hypot(q, s - a * length), flat, corner, slope) < w0 + dw * b + _profile(
@@ -277,7 +279,7 @@ def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
                     if dw < 0.0:
                         # Where the tool already stood, its end takes what it goes down; all else is the side's.
                         stood = min(max(radius + 0.5 - math.hypot(x, y), 0.0), 1.0)
-                        below = min(removed, -dw * stood)
+                        below = min(removed, -dw * stood) if length > 0.0 else removed
                         end += below
                         removed -= below
                         if removed <= 1e-9:
