@@ -32,7 +32,8 @@ class Kernel:
     The Gaussian has the peak 1. As a normalised density its peak would be about 5e-5 at the paper's values, 200 to 425
     times *smaller* than beta, and each local equation would be the global one to three digits.
 
-    >>> round(float(Kernel(alpha=0.1, beta=0.02, sigma=5.0).weights(np.zeros((1, 3)), np.array([[3.0, 4.0, 0.0]])).item()), 6)
+    >>> away = np.array([[3.0, 4.0, 0.0]])
+    >>> round(Kernel(alpha=0.1, beta=0.02, sigma=5.0).weights(np.zeros((1, 3)), away).item(), 6)
     0.626531
     """
 

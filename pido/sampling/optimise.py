@@ -107,9 +107,8 @@ def optimise(
     rival = _at_rows(model_error, rows.voxel, occupied, grid)
     limits = np.full(4, np.inf) if gate.quantile is None else gate.limits(equations.predict_with_support(real)[2])
     verdict = gate.judge(current, leverage, limits, expected, rival, machine)
-    error = (
-        standard_error if expected is None else np.hypot(standard_error, np.where(np.isfinite(expected), expected, 0))
-    )
+    near = np.zeros_like(current) if expected is None else np.where(np.isfinite(expected[0]), expected[0], 0.0)
+    error = np.hypot(standard_error, near)
     passed = verdict == PASSED
     rows = replace(rows, currents=np.where(passed, current, np.nan), expected_error=np.where(passed, error, np.nan))
     generated = rows.take(passed.any(axis=1))

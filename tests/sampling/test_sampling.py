@@ -1,0 +1,282 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pido.config import MethodSettings, machine
+from pido.core.columns import INPUTS
+from pido.core.errors import FitError
+from pido.core.samples import PIA, PIE, Samples
+from pido.equations.choose import PAPER_CHOICE, fit_chosen
+from pido.feature_space.density import balance, occupancy, relevant_bins
+from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, touched
+from pido.feature_space.regional import HeldOut, folds, sectors
+from pido.models.axis_models import AxisModels, held_out_errors, quick_trainer
+from pido.sampling.gate import NO_SUPPORT, OPEN, PASSED, WORSE_THAN_MODEL, Gate
+from pido.sampling.inputs import ChipScaling, draw_inputs
+from pido.sampling.loss import certainty_weights, loss_weights
+from pido.sampling.method import adapt, balance_for
+from pido.sampling.optimise import optimise
+from pido.sampling.shares import ShareRule, fill, nothing, paper_pia, paper_pie
+
+MILL = machine("smart_mill")
+V_X, V_Y, MRR = (INPUTS.index(n) for n in ("v_x", "v_y", "mrr_sim"))
+
+
+def milling(n=1500, seed=0, part="p", turn=(0.0, 2 * np.pi), cut=True):
+    """A part milled in all directions between `turn`, friction with memory, inertia and load; 5 mm/s, 0.05 A of noise."""
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(*turn, n) + rng.normal(scale=0.05, size=n)
+    speed = rng.uniform(3, 8, n)
+    inputs = np.zeros((n, 13))
+    inputs[:, 0], inputs[:, 1] = speed * np.cos(angle), speed * np.sin(angle)
+    inputs[:, 2] = rng.normal(scale=0.1, size=n)
+    inputs[:, 3:6] = rng.normal(scale=20, size=(n, 3))
+    inputs[:, 6], inputs[:, 7] = 18000 + rng.normal(scale=5, size=n), rng.normal(scale=50, size=n)
+    ar = rng.uniform(0.5, 3.5, n) * cut
+    inputs[:, 8:11] = 5 * ar[:, None] * np.column_stack([np.cos(angle), np.sin(angle), 0.2 * np.ones(n)])
+    inputs[:, 11], inputs[:, 12] = 0.01 * ar, ar * np.linalg.norm(inputs[:, :3], axis=1)
+    direction = np.sign(inputs[:, [0, 1, 2, 6]])
+    currents = direction * [1, 0.8, 0.2, 0] + inputs[:, [0, 1, 2, 11]] * [0.02, 0.03, 0, 50] + [0, -5, 1, 6.0]
+    return Samples.real(inputs, ar, currents + rng.normal(scale=0.05, size=(n, 4)), direction, part, np.arange(n))
+
+
+def equations_on(real, path):
+    bins = touched(relevant_bins(path.reduced, SAMPLING_GRID), SAMPLING_GRID, EQUATION_GRID)
+    return fit_chosen(real, bins, MILL, PAPER_CHOICE)
+
+
+def test_share_functions_have_the_published_values_and_end_at_one_hundred_percent():
+    assert paper_pie(np.array(0.0)) == pytest.approx(1.766)
+    x = np.linspace(0, 100, 100_001)
+    assert paper_pie(x).max() == pytest.approx(18.2, abs=0.05)
+    assert x[paper_pie(x).argmax()] == pytest.approx(29.8, abs=0.1)
+    assert paper_pie(np.array(100.0)) == pytest.approx(2.57, abs=0.05)
+    assert paper_pia(x).max() == pytest.approx(1.28, abs=0.01)
+    assert (paper_pia(x) >= 0).all()
+    assert paper_pia(np.array(10.0)) == 0.0  # eq. 15 is negative between 1.9 and 20.2 %
+    assert paper_pie(np.array(1e6)) == paper_pie(np.array(100.0))
+
+
+def test_rounding_to_nearest_leaves_pia_almost_nothing_and_chance_keeps_the_mean():
+    held = np.arange(0, 41)
+    nearest, _ = ShareRule(rounding="nearest").wanted(held, np.random.default_rng(0))
+    assert held[nearest > 0].tolist() == [31, 32, 33, 34]
+    assert nearest.max() == 1
+    many = np.full(200_000, 30)
+    pia, pie = ShareRule().wanted(many, np.random.default_rng(0))
+    assert pia.mean() == pytest.approx(float(paper_pia(np.array(75.0))) * 0.4, abs=0.005)
+    assert pie.mean() == pytest.approx(float(paper_pie(np.array(75.0))) * 0.4, abs=0.02)
+
+
+@given(st.integers(0, 100), st.integers(0, 2**16))
+def test_augmented_rows_never_outnumber_real_ones(n, seed):
+    rule = ShareRule(pia=fill, pie=nothing)
+    assert rule.wanted(np.array([n]), np.random.default_rng(seed))[0][0] <= n
+
+
+@pytest.mark.parametrize("nuisance", ["joint", "paper", "planned"])
+@given(seed=st.integers(0, 2**16))
+def test_every_generated_row_is_in_its_bin_and_inside_the_machine(nuisance, seed):
+    rng = np.random.default_rng(seed)
+    real = milling(200, seed)
+    wild = replace(real, inputs=real.inputs * np.r_[[1, 1, 900], np.full(3, 500), 50, 900, np.full(5, 1)])
+    own = relevant_bins(wild.reduced, SAMPLING_GRID)
+    far = SAMPLING_GRID.id_of(np.array([[29, 0, 0], [30, 0, 0], [31, 0, 0], [0, -40, 3]]))
+    bins = np.unique(np.r_[own, far])
+    rows, source = draw_inputs(bins, np.full(len(bins), 5), SAMPLING_GRID, wild, MILL, rng, nuisance=nuisance)
+    assert (SAMPLING_GRID.ids(rows.reduced) == rows.voxel).all()
+    assert len(source) == len(rows)
+    for axis in ("x", "y", "z"):
+        limits = MILL.axes[axis]
+        assert (np.abs(rows.inputs[:, INPUTS.index(f"v_{axis}")]) <= limits.v_max).all()
+        assert (np.abs(rows.inputs[:, INPUTS.index(f"a_{axis}")]) <= limits.a_max).all()
+    assert (np.abs(rows.inputs[:, INPUTS.index("v_sp")]) <= MILL.spindle_max_deg_s).all()
+    assert (rows.ar >= 0).all()
+    assert (np.abs(rows.inputs[:, MRR]) <= MILL.mrr_max_mm3_s).all()
+    assert np.isfinite(rows.inputs).all()
+
+
+def test_removal_rate_and_speed_of_generated_rows_agree_with_their_area():
+    real = milling()
+    bins = relevant_bins(real.reduced, SAMPLING_GRID)
+    rows, _ = draw_inputs(bins, np.full(len(bins), 10), SAMPLING_GRID, real, MILL, np.random.default_rng(1))
+    np.testing.assert_allclose(rows.inputs[:, MRR], rows.ar * np.linalg.norm(rows.inputs[:, :3], axis=1))
+    moves = np.abs(rows.inputs[:, :2]) > 0.05
+    assert (np.sign(rows.inputs[:, :2])[moves] == rows.direction[:, :2][moves]).all()
+
+
+def test_an_axis_that_rests_in_the_source_row_goes_on_resting():
+    real = milling()
+    inputs = real.inputs.copy()
+    inputs[:, 1] = 1e-5
+    along = replace(real, inputs=inputs)
+    bins = relevant_bins(along.reduced, SAMPLING_GRID)
+    rows, _ = draw_inputs(bins, np.full(len(bins), 5), SAMPLING_GRID, along, MILL, np.random.default_rng(0))
+    assert len(rows)
+    assert (np.abs(rows.inputs[:, V_Y]) < 1e-4).all()
+
+
+def test_forces_follow_the_chip_and_turn_with_the_feed():
+    one = milling(1)
+    inputs = one.inputs.copy()
+    inputs[0, :3], inputs[0, 8:12] = [5, 0, 0], [10, 2, 3, 0.1]
+    source = replace(one, inputs=inputs, ar=np.array([2.0]))
+    turned = inputs.copy()
+    turned[0, :3] = [0, 5, 0]
+    np.testing.assert_allclose(ChipScaling()(turned, np.array([4.0]), source), [[-4, 20, 6, 0.2]], atol=1e-12)
+    faster = inputs.copy()
+    faster[0, 0] = 10.0
+    np.testing.assert_allclose(ChipScaling(z=0.3)(faster, np.array([2.0]), source)[0, 0], 10 * 2**0.7)
+    assert (ChipScaling()(inputs, np.array([0.0]), source) == 0).all()
+
+
+def test_generated_rows_carry_origin_bin_source_and_equation_currents():
+    real = milling()
+    path = milling(400, 5)
+    equations = equations_on(real, path)
+    rule = ShareRule(pia=lambda x: np.full_like(x, 10.0))
+    made, report = optimise(
+        real, relevant_bins(path.reduced, SAMPLING_GRID), equations, rule, rng=np.random.default_rng(0)
+    )
+    assert set(np.unique(made.origin)) == {PIA, PIE}
+    pia, pie = made.take(made.origin == PIA), made.take(made.origin == PIE)
+    np.testing.assert_array_equal(pia.inputs, real.take(pia.row).inputs)
+    assert len(np.unique(pia.row)) == len(pia)  # without replacement
+    assert (pie.row == -1).all()
+    assert (pie.part == "").all()
+    np.testing.assert_allclose(made.currents, equations.predict(made))
+    assert (made.expected_error > 0).all()
+    assert report.pia.sum() == len(pia)
+    assert report.pie.sum() == len(pie)
+    assert (report.pia <= report.asked_pia).all()
+    assert (report.pie <= report.asked_pie).all()
+
+
+def test_same_seed_gives_the_same_bytes_in_whatever_order_parts_came():
+    a, b, path = milling(500, 1, "a"), milling(500, 2, "b"), milling(300, 3)
+    needed = relevant_bins(path.reduced, SAMPLING_GRID)
+    made = []
+    for real in (Samples.concat([a, b]), Samples.concat([b, a])):
+        equations = equations_on(Samples.concat([a, b]), path)
+        made.append(optimise(real, needed, equations, ShareRule(), rng=np.random.default_rng(7), gate=OPEN)[0])
+    assert made[0].inputs.tobytes() == made[1].inputs.tobytes()
+    assert made[0].currents.tobytes() == made[1].currents.tobytes()
+
+
+def test_filling_bins_makes_the_needed_bins_more_even():
+    real, path = milling(600, 1, turn=(0, np.pi)), milling(600, 2)
+    needed = relevant_bins(path.reduced, SAMPLING_GRID)
+    rule = ShareRule(density=20, pia=nothing, pie=fill)
+    made, _ = optimise(real, needed, equations_on(real, path), rule, rng=np.random.default_rng(0))
+    both = Samples.concat([real, made])
+    assert balance(both.reduced, needed, SAMPLING_GRID) < balance(real.reduced, needed, SAMPLING_GRID)
+    assert (occupancy(both.reduced, SAMPLING_GRID).count_in(needed) >= 10).mean() > 0.9
+
+
+def test_no_row_passes_in_a_direction_that_no_sample_took():
+    real, path = milling(800, 1, turn=(-0.3, 0.3)), milling(800, 2, turn=(1.3, 1.8))
+    needed = relevant_bins(path.reduced, SAMPLING_GRID)
+    method = MethodSettings().build()
+    gate = replace(method.gate, compare=False)
+    rule = ShareRule(pia=nothing, pie=fill)
+    made, report = optimise(
+        real, needed, equations_on(real, path), rule, rng=np.random.default_rng(0), gate=gate, planned=path,
+        nuisance="planned",
+    )  # fmt: skip
+    assert report.asked_pie.sum() > 100
+    assert len(made) <= 0.02 * report.asked_pie.sum()
+    assert report.refused[NO_SUPPORT].sum() > 0
+
+
+def test_the_gate_asks_for_an_equation_that_beats_the_model_and_for_evidence():
+    current = np.zeros((1, 4))
+    errors = np.array([[[0.1, 0.1, np.inf, 0.1]], [[0.1, 0.3, 0.1, 0.1]]])
+    rival = np.full((2, 1, 4), 0.2)
+    verdict = Gate().judge(current, np.zeros((1, 4)), np.ones(4), errors, rival, MILL)
+    assert verdict.tolist() == [[PASSED, WORSE_THAN_MODEL, WORSE_THAN_MODEL, PASSED]]
+
+
+def test_errors_are_judged_by_rows_in_the_same_position():
+    points = np.zeros((60, 3))
+    residual = np.repeat([[1.0], [3.0]], 30, axis=0) * np.ones((60, 4))
+    held = HeldOut(points, residual, np.repeat([True, False], 30), np.zeros(60, np.int64))
+    here = SAMPLING_GRID.ids(points[:1])
+    assert held.at(here, np.array([True])).tolist() == [[1.0] * 4]
+    assert held.at(here, np.array([False])).tolist() == [[3.0] * 4]
+    never = HeldOut(points[:30], residual[:30], np.ones(30, bool), np.zeros(30, np.int64))
+    assert np.isinf(never.at(here, np.array([False]))).all()
+
+
+def test_folds_never_part_neighbours_and_sectors_never_part_directions():
+    parts = Samples.concat([milling(50, k, f"p{k}") for k in range(4)])
+    fold = folds(parts)
+    assert all(len(np.unique(fold[parts.part == name])) == 1 for name in np.unique(parts.part.astype(str)))
+    one = folds(milling(90), 3)
+    assert (np.diff(one) >= 0).all()
+    there = sectors(milling(2000))
+    assert set(there) == set(range(8))
+
+
+def test_eq_7_reduces_to_one_weight_per_category():
+    rng = np.random.default_rng(0)
+    origin, error = np.repeat([0, 1, 2], [50, 5, 25]), rng.normal(size=80)
+    w_data, w_pe = 2.0, 0.5
+    printed = sum(
+        len(e) / 80 * w * np.mean(e**2) for e, w in ((error[origin == 0], w_data), (error[origin > 0], w_pe))
+    )
+    assert np.sum(loss_weights(origin, w_data, w_pe) * error**2) / 80 == pytest.approx(printed)
+    trust = certainty_weights(origin, np.repeat(error[:, None], 4, axis=1), np.full(4, 0.3))
+    assert (trust[:50] == 1).all()
+    assert (np.diff(trust[50:, 0][np.argsort(np.abs(error[50:]))]) <= 0).all()
+
+
+def test_the_adaptive_method_leaves_noise_alone():
+    rng = np.random.default_rng(0)
+    real = milling(800)
+    noise = replace(real, currents=rng.normal(size=real.currents.shape))
+    method = MethodSettings().build()
+    found = adapt(
+        noise, MILL, method, train=quick_trainer(), model_error=held_out_errors(noise), rng=np.random.default_rng(1)
+    )
+    made = balance_for(milling(300, 4), noise, MILL, method, found, rng=np.random.default_rng(2))
+    alone = AxisModels.fit(noise).predict(real)
+    weights = np.vstack([np.ones((len(noise), 4)), made.weights])
+    helped = AxisModels.fit(Samples.concat([noise, made.generated]), weights).predict(real)
+    assert np.sqrt(np.mean(helped**2)) <= 1.02 * np.sqrt(np.mean(alone**2))  # the truth is zero
+
+
+def test_the_adaptive_method_helps_where_samples_are_few_and_physics_is_plain():
+    real = milling(160)
+    truth = milling(1500, 9)
+    method = MethodSettings().build()
+    found = adapt(
+        real, MILL, method, train=quick_trainer(), model_error=held_out_errors(real), rng=np.random.default_rng(1)
+    )
+    made = balance_for(truth, real, MILL, method, found, rng=np.random.default_rng(2))
+    weights = np.vstack([np.ones((len(real), 4)), made.weights])
+
+    def rmse(models):
+        return np.sqrt(np.mean((models.predict(truth) - truth.currents) ** 2, axis=0))
+
+    alone, helped = rmse(AxisModels.fit(real)), rmse(AxisModels.fit(Samples.concat([real, made.generated]), weights))
+    assert (helped[[0, 1, 3]] <= 1.02 * alone[[0, 1, 3]]).all()
+    assert (helped / alone)[[0, 1, 3]].mean() < 0.9
+
+
+def test_a_plan_is_needed_where_rows_of_it_are_asked_for():
+    real = milling(100)
+    with pytest.raises(FitError, match="planned"):
+        optimise(
+            real, relevant_bins(real.reduced, SAMPLING_GRID), equations_on(real, real), ShareRule(),
+            rng=np.random.default_rng(0), nuisance="planned",
+        )  # fmt: skip
+
+
+def test_printed_settings_build_the_printed_method():
+    method = MethodSettings.paper().build()
+    assert method.gate == OPEN or (method.gate.quantile is None and not method.gate.compare)
+    assert (method.nuisance, method.adaptive, method.share.density) == ("paper", False, 40.0)
+    assert MethodSettings().build().adaptive
