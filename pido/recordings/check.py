@@ -223,7 +223,9 @@ def _impossible(recording: Recording, machine: Machine | None) -> list[Fault]:
             v = recording[VELOCITY[axis]]
             beyond = np.abs(v) > v_max
             bad = beyond | spikes
-            around = np.asarray(binary_dilation(bad, iterations=2), dtype=bool)  # a was differenced from v, v from the position
+            around = np.asarray(
+                binary_dilation(bad, iterations=2), dtype=bool
+            )  # a was differenced from v, v from the position
             if bad.mean() > 0.2:
                 continue  # not single samples: `unit_slips` names the cause
             if bad.any():

@@ -13,9 +13,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from itertools import chain
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import orjson
@@ -41,13 +42,13 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
-    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
-    if (front := _front(data)) is not None:
-        try:
-            return _recording(front[0], _lines(data, front[1]), path, machine, channels)
-        except _OtherLayout:
-            pass  # valid JSON may be laid out otherwise; the parser of the whole file knows, and knows where it is cut
-    whole = _whole(data, path)
+    with path.open("rb") as file:
+        if (front := _front(file)) is not None:
+            try:
+                return _recording(front[0], _lines(front[1], file), path, machine, channels)
+            except _OtherLayout:
+                pass  # valid JSON may be laid out otherwise; the parser of the whole file knows, and where it is cut
+    whole = _whole(path.read_bytes().removeprefix(b"\xef\xbb\xbf"), path)
     if not isinstance(whole, dict) or "Header" not in whole or not isinstance(whole.get("Payload"), list):
         raise RecordingError(
             f"{path}: a capture has 'Header' and a list 'Payload'; this JSON has not. Export it again."
@@ -100,17 +101,24 @@ def _recording(
     return Recording(part=part, columns=data, notes=(*notes, *clock_notes, *found))
 
 
-def _front(data: bytes) -> tuple[dict[str, Any], int] | None:
-    """(header, where the payload's messages begin) if the header stands before the payload."""
-    key = data.find(b'"Payload"')
-    begin = data.find(b"[", key)
-    if key < 0 or begin < 0 or data[key + 9 : begin].strip() != b":":
+def _front(file: BinaryIO) -> tuple[dict[str, Any], bytes] | None:
+    """(header, rest of the line after the payload's bracket) if the header stands in lines before the payload."""
+    front = b""
+    for line in file:
+        front += line
+        key = front.find(b'"Payload"')
+        bracket = front.find(b"[", key)
+        if key >= 0 and bracket >= 0:
+            break
+    else:
+        return None
+    if front[key + 9 : bracket].strip() != b":":
         return None
     try:
-        front = orjson.loads(data[:key].rstrip().rstrip(b",") + b"}")
+        header = orjson.loads(front[:key].removeprefix(b"\xef\xbb\xbf").rstrip().rstrip(b",") + b"}").get("Header")
     except orjson.JSONDecodeError:
         return None
-    return (front["Header"], begin + 1) if "Header" in front else None
+    return None if header is None else (header, front[bracket + 1 :])
 
 
 def _whole(data: bytes, path: Path) -> Any:
@@ -123,13 +131,10 @@ def _whole(data: bytes, path: Path) -> Any:
         ) from None
 
 
-def _lines(data: bytes, begin: int) -> Iterator[dict[str, Any]]:
+def _lines(first: bytes, file: BinaryIO) -> Iterator[dict[str, Any]]:
     """The messages of the payload, one per line. Raises _OtherLayout at the first line that is none."""
-    while begin < len(data):
-        stop = data.find(b"\n", begin)
-        stop = len(data) if stop < 0 else stop
-        line = data[begin:stop].strip().rstrip(b", ")
-        begin = stop + 1
+    for text in chain((first,), file):
+        line = text.rstrip(b", \t\r\n").lstrip()
         if not line:
             continue
         if line == b"]" or line.startswith((b"],", b"]}")):
@@ -165,12 +170,14 @@ def _signal_list(header: Mapping[str, Any], path: Path) -> dict[str, str]:
 
 
 def _rows(content: Any, take: itemgetter[Any], width: int, path: Path) -> Float2D:
-    if not isinstance(content, list) or not all(isinstance(row, list) for row in content[:1]):
-        raise RecordingError(f"{path}: HFData is not a list of rows.")
+    if not isinstance(content, list):
+        raise RecordingError(f"{path}: HFData is not a list of rows. Export it again.")
+    if not content:
+        return np.empty((0, len(take(range(width)))))
     try:
-        if any(len(row) != width for row in content):
+        if set(map(len, content)) != {width}:
             raise IndexError
-        return np.array([take(row) for row in content], dtype=float).reshape(len(content), -1)
+        return np.array(list(map(take, content)), dtype=float).reshape(len(content), -1)
     except (IndexError, TypeError, ValueError):
         bad = next((r for r in content if not isinstance(r, list) or len(r) != width), content[0])
         at = bad[0] if isinstance(bad, list) and bad else "?"

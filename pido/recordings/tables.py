@@ -8,13 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 
 from pido.core.arrays import Array1D
 from pido.core.errors import RecordingError
-
 
 _BLOCK = 1 << 21
 """Bytes parsed at once by one thread; pyarrow's own 1 MiB makes more chunks, and so more to join, than needed."""
