@@ -24,6 +24,7 @@ from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.confirm import held_out
 from pido.diagnosis.contained import contained
+from pido.diagnosis.datafaults import at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Finding, PartSeries, Rejected
 from pido.diagnosis.identify import (
@@ -42,8 +43,9 @@ from pido.diagnosis.models import AxisModel, Equation, as_json
 from pido.diagnosis.select import Library, basis
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unnamed import with_unknown
-from pido.diagnosis.whiten import estimate_noise, robust_sd
+from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
 _LEAST_ROWS = 500
@@ -79,13 +81,28 @@ def diagnose(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
             "not fitted. Effects that differ between parts (wear, heat) cannot be judged."
         )
-    findings: list[Finding] = []
+    findings = input_findings(parts)
     rejected: list[Rejected] = []
     models: dict[str, AxisModel] = {}
     series: dict[str, dict[str, tuple[Float1D, Float1D, Float1D]]] = {r.part.part: {} for r in parts}
+    limits = {a: clipped(parts, a) for a in axes}
+    looks = {a: _first_look(_lay_out(parts, a, machine, limits[a], searching=True), rng) for a in axes}
+    delay = find_delay(
+        {a: k.mismatch for a, k in looks.items()},
+        {a: k.noise for a, k in looks.items()},
+        {a: k.best_gain for a, k in looks.items()},
+    )
+    if delay is not None:
+        findings.append(timing_finding(delay, {a: k.mismatch for a, k in looks.items()}))
+        looks = {a: _first_look(_without_delay(k.mismatch, delay), rng) for a, k in looks.items()}
     for k, axis in enumerate(axes):
         on_progress(k, len(axes), f"axis {axis}")
-        work = _axis(parts, axis, machine, rng, questions_per_axis=len(axes))
+        answer = search(looks.pop(axis), rng, len(axes), timed=delay is not None)
+        full = _lay_out(parts, axis, machine, limits[axis], searching=False)
+        work = _settle(full if delay is None else _without_delay(full, delay), parts, answer, rng, delay, limits[axis])
+        own = limits[axis]
+        if own is not None:
+            work.findings.append(clipping_finding(parts, axis, own, work.model.noise_level))
         findings += work.findings
         rejected += work.rejected
         notes += work.notes
@@ -121,28 +138,64 @@ class _Work:
     series: list[tuple[Float1D, Float1D, Float1D]] = field(default_factory=list)
 
 
-def _axis(
-    parts: Sequence[Recording], axis: str, machine: Machine | None, rng: np.random.Generator, questions_per_axis: int
-) -> _Work:
-    states = axis_states(parts, axis)
+@dataclass(frozen=True)
+class _Look:
+    """What is known of an axis before its search: noise, what the simulation contains, the best single mechanism."""
+
+    mismatch: Mismatch
+    noise: Noise
+    inside: dict[str, Term]
+    offered: list[Term]
+    rejected: list[Rejected]
+    best_gain: float
+
+
+def _lay_out(
+    parts: Sequence[Recording],
+    axis: str,
+    machine: Machine | None,
+    limits: tuple[float, float] | None,
+    searching: bool,
+) -> Mismatch:
+    states = axis_states(parts, axis, machine)
     simulated = CURRENT_SIM[axis] in parts[0]
     targets = [r[CURRENT[axis]] - (r[CURRENT_SIM[axis]] if simulated else 0.0) for r in parts]
+    if limits is not None:
+        targets = [np.where(at_limit(r, axis, limits), np.nan, t) for r, t in zip(parts, targets, strict=True)]
     bases, names = (None, ()) if simulated else _equation(parts, states)
-    full = lay_out(states, targets, bases, names)
-    stride = search_stride(full.n, parts[0].sample_rate_hz)
-    small = full if stride == 1 else lay_out(states, targets, bases, names, stride)
-    answer = search(small, rng, questions_per_axis)
-    return _settle(full, parts, answer, rng)
+    rows = sum(len(r) for r in parts)
+    stride = search_stride(rows, parts[0].sample_rate_hz) if searching else 1
+    return lay_out(states, targets, bases, names, stride)
 
 
-def search(mismatch: Mismatch, rng: np.random.Generator, axes: int) -> Answer:
-    """Names for one axis; nothing is estimated for keeps yet."""
-    answer = Answer(mismatch.axis)
-    plain, answer.rejected = candidates(CATALOGUE, mismatch, {})
+def _first_look(mismatch: Mismatch, rng: np.random.Generator) -> _Look:
+    plain, rejected = candidates(CATALOGUE, mismatch, {})
     noise = first_noise(mismatch, plain)
     inside = contained(mismatch, CATALOGUE, noise, rng)
     offered, _ = candidates(CATALOGUE, mismatch, inside)
-    library = Library(mismatch, offered, any_sign=frozenset(f"miscalibrated:{i}" for i in inside))
+    library = Library(mismatch, [t for t in offered if t.mechanism.id != "time_misalignment"], _any_sign(inside))
+    library.whiten(noise)
+    scores = library.screen(basis(library, noise, []))
+    gain = max((s.gain for s in scores), default=0.0)
+    return _Look(mismatch, noise, inside, offered, rejected, gain)
+
+
+def _any_sign(inside: dict[str, Term]) -> frozenset[str]:
+    return frozenset(f"miscalibrated:{i}" for i in inside)
+
+
+def _without_delay(mismatch: Mismatch, delay: Delay) -> Mismatch:
+    return mismatch if mismatch.sim is None or mismatch.base_names else shift_target(mismatch, delay)
+
+
+def search(look: _Look, rng: np.random.Generator, axes: int, timed: bool) -> Answer:
+    """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out."""
+    mismatch, noise = look.mismatch, look.noise
+    answer = Answer(mismatch.axis, rejected=list(look.rejected))
+    offered = [t for t in look.offered if t.mechanism.id != "sensor_clipping"]
+    if timed:
+        offered = [t for t in offered if t.mechanism.id != "time_misalignment"]
+    library = Library(mismatch, offered, _any_sign(look.inside))
     terms = select_terms(library, noise)
     # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
     noise = noise_of(mismatch, noise, terms)
@@ -163,7 +216,14 @@ def search(mismatch: Mismatch, rng: np.random.Generator, axes: int) -> Answer:
     return answer
 
 
-def _settle(full: Mismatch, parts: Sequence[Recording], answer: Answer, rng: np.random.Generator) -> _Work:
+def _settle(
+    full: Mismatch,
+    parts: Sequence[Recording],
+    answer: Answer,
+    rng: np.random.Generator,
+    delay: Delay | None,
+    limits: tuple[float, float] | None,
+) -> _Work:
     """The final fit on every row, its proof, and the series of every part."""
     noise = estimate_noise(_plain_residual(full, answer.terms), full.starts, full.noise_class, full.usable)
     terms = settle_shapes(full, noise, answer.terms)
@@ -172,7 +232,15 @@ def _settle(full: Mismatch, parts: Sequence[Recording], answer: Answer, rng: np.
     alone = fit(full, noise, [])
     level = robust_sd(found.fit.residual[full.usable])
     equation = Equation(full.base_names, alone.base, found.fit.base) if full.base_names else None
-    model = AxisModel(full.axis, level, tuple(terms), found.fit.amplitudes, equation)
+    model = AxisModel(
+        full.axis,
+        level,
+        tuple(terms),
+        found.fit.amplitudes,
+        equation,
+        (0.0, 0.0) if delay is None or full.base_names else (delay.offset, delay.drift),
+        limits or (-np.inf, np.inf),
+    )
     recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
     findings = []
     for i, term in enumerate(terms):
@@ -183,7 +251,7 @@ def _settle(full: Mismatch, parts: Sequence[Recording], answer: Answer, rng: np.
     series = []
     for recording, state in zip(parts, full.states, strict=True):
         simulated = model.simulated(recording, state)
-        effect = model.effect(simulated, recording, state) if terms else np.zeros(len(simulated))
+        effect = model.effect(simulated, recording, state)
         series.append((effect, score(effect, level), simulated + effect))
     return _Work(model, findings, answer.rejected, answer.notes, series)
 

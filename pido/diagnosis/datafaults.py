@@ -1,0 +1,186 @@
+"""What is wrong with the data rather than the simulation, as findings: faulty inputs, clipping, a shift in time.
+
+In:  recordings, and what `pido.diagnosis.faults` and `pido.diagnosis.timing` saw in them.
+Out: `Finding` values of kind data_fault, and the rows that no fit may use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+
+from pido.core.arrays import Bool1D
+from pido.core.axes import AXES
+from pido.core.columns import CURRENT, CURRENT_SIM
+from pido.core.recording import Recording
+from pido.diagnosis.confirm import paired_p
+from pido.diagnosis.faults import clipping, input_faults
+from pido.diagnosis.finding import Estimate, Evidence, Finding, HeldOut, Interval, Where
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.timing import Delay, shift_target
+
+_MERGE_S = 0.5
+_NOTHING_FITTED = "no fit: rows are set aside"
+
+
+def input_findings(parts: Sequence[Recording]) -> list[Finding]:
+    """One finding per axis whose position, speed or acceleration is wrong somewhere."""
+    by_axis: dict[str, list[tuple[str, str, float, float, str]]] = {}
+    for recording in parts:
+        for column, faults in input_faults(recording).items():
+            axis = next(a for a in sorted(AXES, key=len, reverse=True) if column.endswith(f"_{a}"))
+            by_axis.setdefault(axis, []).extend(
+                (column, recording.part.part, f.t_start, f.t_end, f.reason) for f in faults
+            )
+    out = []
+    for axis, faults in by_axis.items():
+        columns = sorted({f[0] for f in faults})
+        reasons = sorted({f[4] for f in faults})
+        intervals = _merged(faults)
+        where = Where(
+            f"{', '.join(columns)} is wrong in {len(intervals)} place(s): {'; '.join(reasons)}; these rows are set aside",
+            tuple(columns),
+            tuple(intervals),
+        )
+        out.append(
+            Finding(
+                axis=axis,
+                mechanism="input_fault",
+                kind="data_fault",
+                equation=f"{', '.join(columns)} not usable over these intervals",
+                parameters={},
+                where=where,
+                evidence=Evidence(0.0, 0.0, float("inf")),
+                fit=HeldOut(_NOTHING_FITTED, *(float("nan"),) * 4, p_value=0.0),
+            )
+        )
+    return out
+
+
+def clipped(parts: Sequence[Recording], axis: str) -> tuple[float, float] | None:
+    """Limits that the recorded current of `axis` runs into while the simulation goes on, over all parts."""
+    low, high = -np.inf, np.inf
+    for recording in parts:
+        limits = clipping(recording, axis)
+        if limits is None or CURRENT_SIM[axis] not in recording:
+            continue
+        current, sim = recording[CURRENT[axis]], recording[CURRENT_SIM[axis]]
+        if np.isfinite(limits[0]) and np.nanmean(sim[current == limits[0]]) < limits[0]:
+            low = max(low, limits[0])
+        if np.isfinite(limits[1]) and np.nanmean(sim[current == limits[1]]) > limits[1]:
+            high = min(high, limits[1])
+    return (low, high) if np.isfinite(low) or np.isfinite(high) else None
+
+
+def at_limit(recording: Recording, axis: str, limits: tuple[float, float]) -> Bool1D:
+    """(n,) – rows in which the recorded current stands at a limit."""
+    current = recording[CURRENT[axis]]
+    return (current <= limits[0]) | (current >= limits[1])
+
+
+def clipping_finding(parts: Sequence[Recording], axis: str, limits: tuple[float, float], noise: float) -> Finding:
+    """The limit as a finding; its proof is how far the simulation goes beyond it there."""
+    intervals, before, after, recorded = [], [], [], []
+    for recording in parts:
+        current, sim = recording[CURRENT[axis]], recording[CURRENT_SIM[axis]]
+        rows = at_limit(recording, axis, limits)
+        intervals += _runs(recording, rows)
+        before.append((current - sim)[np.isfinite(current - sim)])
+        after.append((current - np.clip(sim, *limits))[np.isfinite(current - sim)])
+        recorded.append(current[np.isfinite(current - sim)])
+    b, a, c = np.concatenate(before), np.concatenate(after), np.concatenate(recorded)
+    gain = float(np.sum(b**2 - a**2)) / max(noise, 1e-9) ** 2
+    total = float(np.var(c)) or 1.0
+    finite = {n: v for n, v in (("lowest", limits[0]), ("highest", limits[1])) if np.isfinite(v)}
+    p = float(stats.chi2.sf(max(gain, 0.0), 1))
+    return Finding(
+        axis=axis,
+        mechanism="sensor_clipping",
+        kind="data_fault",
+        equation=f"curr_{axis} = min(max(I, lowest), highest)",
+        parameters={n: Estimate(v, "A", (v, v)) for n, v in finite.items()},
+        where=Where(
+            f"wherever the current of {axis} reaches {' or '.join(f'{v:.4g} A' for v in finite.values())}",
+            tuple(f"curr_{axis} {'<=' if n == 'lowest' else '>='} {v:.4g}" for n, v in finite.items()),
+            tuple(intervals),
+        ),
+        evidence=Evidence(p, p, gain),
+        fit=HeldOut(
+            "limits read from the record, nothing fitted",
+            _rms(b),
+            _rms(a),
+            1 - _rms(b) ** 2 / total,
+            1 - _rms(a) ** 2 / total,
+            p,
+        ),
+    )
+
+
+def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
+    """The shift of all axes as one finding, on the axis that shows it best."""
+    axis = max(delay.by_axis, key=lambda a: delay.by_axis[a])
+    m = axes[axis]
+    moved = shift_target(m, delay)
+    rows = m.usable
+    recorded = (m.target + m.sim)[rows] if m.sim is not None else m.target[rows]
+    total = float(np.var(recorded)) or 1.0
+    before, after = m.target[rows], moved.target[rows]
+    p = float(stats.chi2.sf(delay.gain, 2))
+    parameters = {
+        "shift": Estimate(
+            delay.offset, "s", (delay.offset - 1.96 * delay.sd[0], delay.offset + 1.96 * delay.sd[0])
+        )
+    }
+    if delay.drift:
+        half = 1.96 * delay.sd[1]
+        parameters["drift"] = Estimate(delay.drift, "s/s", (delay.drift - half, delay.drift + half))
+    others = ", ".join(a for a in delay.by_axis if a != axis)
+    late = "after" if delay.offset > 0 else "before"
+    return Finding(
+        axis=axis,
+        mechanism="time_misalignment",
+        kind="data_fault",
+        equation=f"curr_{axis}(t) = I_sim(t - shift{' - drift * t' if delay.drift else ''})",
+        parameters=parameters,
+        where=Where(
+            f"at every change of current: the recording comes {abs(delay.offset) * 1e3:.3g} ms {late} the simulation"
+            + (f", on {others} as well" if others else ""),
+            (),
+            tuple(Interval(s.part, float(s.time[0]), float(s.time[-1]), 1.0) for s in m.states),
+        ),
+        evidence=Evidence(p, p, delay.gain),
+        fit=HeldOut(
+            "one shift for all parts and axes",
+            _rms(before),
+            _rms(after),
+            1 - _rms(before) ** 2 / total,
+            1 - _rms(after) ** 2 / total,
+            paired_p(before**2 - after**2, m, rows),
+        ),
+    )
+
+
+def _merged(faults: Sequence[tuple[str, str, float, float, str]]) -> list[Interval]:
+    out: list[Interval] = []
+    for part in dict.fromkeys(f[1] for f in faults):
+        spans = sorted((f[2], f[3]) for f in faults if f[1] == part)
+        start, end = spans[0]
+        for s, e in spans[1:]:
+            if s > end + _MERGE_S:
+                out.append(Interval(part, start, end, 1.0))
+                start = s
+            end = max(end, e)
+        out.append(Interval(part, start, end, 1.0))
+    return out
+
+
+def _runs(recording: Recording, rows: Bool1D) -> list[Interval]:
+    edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
+    spans = [(float(recording.time[i]), float(recording.time[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+    return _merged([("", recording.part.part, s, e, "") for s, e in spans]) if spans else []
+
+
+def _rms(x) -> float:
+    return float(np.sqrt(np.mean(x**2))) if len(x) else float("nan")

@@ -1,0 +1,131 @@
+"""Whether the recording lags the simulation: one delay, possibly drifting, that all axes agree on.
+
+In:  the axes of all parts, with simulated currents, and the noise of each.
+Out: `Delay`, or None. It competes with the best mechanism of every axis, because an inertia, too, looks like a shifted
+     friction: a real shift is the same on all axes, so what it explains there adds up.
+Source: maximum likelihood over the delay, whitened; drift by Gauss-Newton on the slope of the simulated current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pido.core.arrays import Float1D
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.models import shifted
+from pido.diagnosis.whiten import Noise
+
+_LONGEST_S = 0.5
+_LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
+
+
+@dataclass(frozen=True)
+class Delay:
+    """The recording shows at t what the simulation has at t - offset - drift * t.
+
+    gain : 2 log likelihood over all axes; by_axis : its parts
+    """
+
+    offset: float  # s
+    drift: float  # s/s
+    sd: tuple[float, float]
+    gain: float
+    by_axis: Mapping[str, float]
+
+
+def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals: Mapping[str, float]) -> Delay | None:
+    """The common delay, if it explains more than the best mechanism of each axis does.
+
+    rivals : per axis, 2 log likelihood that the best single mechanism gains
+    """
+    with_sim = {a: m for a, m in axes.items() if m.sim is not None and np.ptp(m.sim[m.usable]) > 0}
+    if not with_sim:
+        return None
+    step = min(s.dt for m in with_sim.values() for s in m.states) * max(m.stride for m in with_sim.values())
+    before = {a: _rss(m, noises[a], (0.0, 0.0)) for a, m in with_sim.items()}
+    reach = int(np.ceil(_LONGEST_S / step))
+    tries = np.unique(np.round(np.r_[np.arange(-4, 5), np.linspace(-reach, reach, min(41, 2 * reach + 1))])) * step
+    best = max(((float(d), 0.0) for d in tries), key=lambda d: sum(_gains(with_sim, noises, before, d).values()))
+    sd = (0.0, 0.0)
+    for drifting in (False, True):
+        for _ in range(4):
+            best, sd = _step(with_sim, noises, best, drifting, before)
+    steady, _ = _steady(with_sim, noises, best, before)
+    gains, gains_steady = _gains(with_sim, noises, before, best), _gains(with_sim, noises, before, steady)
+    if sum(gains.values()) < sum(gains_steady.values()) + 12.0:
+        best, gains, sd = steady, gains_steady, (sd[0], 0.0)
+    total = sum(gains.values())
+    if total < _LEAST_GAIN or total < 1.1 * sum(max(0.0, rivals.get(a, 0.0)) for a in with_sim) or abs(best[0]) < 1e-6:
+        return None
+    return Delay(best[0], best[1], sd, total, gains)
+
+
+def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:
+    """The same axis compared with the simulation at the right time."""
+    assert mismatch.sim is not None
+    moved = _shifted(mismatch, (delay.offset, delay.drift))
+    target = np.where(mismatch.usable, mismatch.target + mismatch.sim - moved, 0.0)
+    return replace(mismatch, target=target)
+
+
+def _steady(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], start: tuple[float, float], before):
+    best, sd = (start[0], 0.0), (0.0, 0.0)
+    span = max(float(s.time[-1]) for m in axes.values() for s in m.states)
+    best = max(
+        ((start[0] + start[1] * span / 2, 0.0), best), key=lambda d: sum(_gains(axes, noises, before, d).values())
+    )
+    for _ in range(4):
+        best, sd = _step(axes, noises, best, False, before)
+    return best, sd
+
+
+def _step(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], at: tuple[float, float], drifting: bool, before):
+    """One Gauss-Newton step, halved until it helps."""
+    gram, inner = np.zeros((2, 2)), np.zeros(2)
+    for a, m in axes.items():
+        moved = _shifted(m, at)
+        slope = np.concatenate([np.gradient(moved[i:j], s.time) for s, i, j in _parts(m)])
+        time = np.concatenate([s.time for s in m.states])
+        rows = noises[a].whiten(np.where(m.usable, np.array([slope, slope * time]), 0.0))
+        y = noises[a].whiten(np.where(m.usable, m.target + m.sim - moved, 0.0)[None])[0]
+        gram += rows @ rows.T
+        inner -= rows @ y
+    if not drifting:
+        gram, inner = gram[:1, :1], inner[:1]
+    inverse = np.linalg.pinv(gram)
+    move = inverse @ inner
+    sd = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    now = sum(_gains(axes, noises, before, at).values())
+    for share in (1.0, 0.5, 0.25):
+        new = (at[0] + share * float(move[0]), at[1] + (share * float(move[1]) if drifting else 0.0))
+        if sum(_gains(axes, noises, before, new).values()) > now:
+            return new, (float(sd[0]), float(sd[1]) if drifting else 0.0)
+    return at, (float(sd[0]), float(sd[1]) if drifting else 0.0)
+
+
+def _gains(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], before: Mapping[str, float], delay):
+    return {
+        a: int(noises[a].valid.sum()) * float(np.log(before[a] / _rss(m, noises[a], delay))) for a, m in axes.items()
+    }
+
+
+def _rss(mismatch: Mismatch, noise: Noise, delay: tuple[float, float]) -> float:
+    assert mismatch.sim is not None
+    y = np.where(mismatch.usable, mismatch.target + mismatch.sim - _shifted(mismatch, delay), 0.0)
+    white = noise.whiten(y[None])[0]
+    return max(float(white @ white), 1e-30)
+
+
+def _shifted(mismatch: Mismatch, delay: tuple[float, float]) -> Float1D:
+    assert mismatch.sim is not None
+    if not any(delay):
+        return mismatch.sim
+    return np.concatenate([shifted(s.time, mismatch.sim[i:j], delay) for s, i, j in _parts(mismatch)])
+
+
+def _parts(mismatch: Mismatch) -> Sequence[tuple]:
+    edges = mismatch.edges
+    return [(s, int(i), int(j)) for s, i, j in zip(mismatch.states, edges[:-1], edges[1:], strict=True)]
