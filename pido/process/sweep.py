@@ -23,6 +23,8 @@ from numba import njit
 TOP, LOW, COV, N_U, N_V = 0, 1, 2, 3, 4
 FIELDS = 5
 HALF_DIAGONAL = 0.7072
+SKIN, SLIVER = 1e-5, 1e-6
+"""What the cells' numbers cannot tell apart: heights (mm) and shares of a cell. A deeper cut takes it later."""
 PARALLEL = 0.5
 """Cosine between two walls in one cell: above it they are the same wall, below minus it opposite ones."""
 
@@ -53,15 +55,15 @@ def _cut_whole(cells, j, i, z):
     removed = 0.0
     cov = cells[j, i, COV]
     if cov > 0.0:
-        if cells[j, i, LOW] > z:
+        if cells[j, i, LOW] > z + SKIN:
             removed += cov * (cells[j, i, LOW] - z)
             cells[j, i, LOW] = z
-        if cells[j, i, TOP] > z:
+        if cells[j, i, TOP] > z + SKIN:
             removed += (1.0 - cov) * (cells[j, i, TOP] - z)
             cells[j, i, TOP] = z
         if cells[j, i, LOW] >= cells[j, i, TOP]:
             cells[j, i, COV] = 0.0
-    elif cells[j, i, TOP] > z:
+    elif cells[j, i, TOP] > z + SKIN:
         removed = cells[j, i, TOP] - z
         cells[j, i, TOP] = z
     return removed
@@ -71,7 +73,7 @@ def _cut_whole(cells, j, i, z):
 def _cut_part(cells, j, i, c, z, n_u, n_v):
     """Lower the share c of a cell to z, behind a wall with normal (n_u, n_v); mean height removed."""
     top, low, cov = cells[j, i, TOP], cells[j, i, LOW], cells[j, i, COV]
-    if z >= top:
+    if z + SKIN >= top:
         return 0.0
     if cov == 0.0:
         cells[j, i, LOW], cells[j, i, COV], cells[j, i, N_U], cells[j, i, N_V] = z, c, n_u, n_v
@@ -85,13 +87,15 @@ def _cut_part(cells, j, i, c, z, n_u, n_v):
         union = c + cov - c * cov
     extra = union - cov
     removed = 0.0
-    if low > z:
+    if low > z + SKIN:
         deeper = (c - extra) * (low - z)
         removed += deeper
         low -= deeper / cov
-    if extra > 0.0:
+    if extra > SLIVER:
         removed += extra * (top - z)
         low = (low * cov + z * extra) / union
+    else:
+        union = cov
     if c >= cov:
         cells[j, i, N_U], cells[j, i, N_V] = n_u, n_v
     if union >= 0.9999:
