@@ -81,15 +81,18 @@ def time_shift(recording: Recording, axis: str, longest_s: float = 1.0) -> tuple
     good = np.isfinite(curr) & np.isfinite(sim)
     y, x = (np.diff(np.where(good, s, 0.0)) for s in (curr, sim))
     y, x = y - y.mean(), x - x.mean()
-    norm = float(np.sqrt((x @ x) * (y @ y)))
-    if norm == 0:
+    if not (np.any(x) and np.any(y)):
         return None
     dt = float(np.median(np.diff(recording.time)))
     most = min(len(x) // 4, max(2, int(longest_s / dt)))
     size = 1 << int(np.ceil(np.log2(2 * len(x))))
     cross = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(x, size)), size)
     lags = np.arange(-most, most + 1)
-    c = cross[lags] / norm
+    # Correlation of the overlap itself, or the smaller overlap of a larger lag would pull the maximum towards zero.
+    size_x, size_y = (np.r_[0.0, np.cumsum(u**2)] for u in (x, y))
+    ahead, behind = np.maximum(lags, 0), np.maximum(-lags, 0)
+    energy = (size_x[len(x) - ahead] - size_x[behind]) * (size_y[len(x) - behind] - size_y[ahead])
+    c = cross[lags] / np.sqrt(np.maximum(energy, 1e-300))
     k = int(np.argmax(c))
     fine = 0.0
     if 0 < k < len(c) - 1 and (bend := c[k - 1] - 2 * c[k] + c[k + 1]) < 0:

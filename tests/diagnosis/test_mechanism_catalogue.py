@@ -1,0 +1,128 @@
+"""What every mechanism of the catalogue owes its users, and what states and faults are known to be."""
+
+import numpy as np
+import pytest
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.faults import clipping, input_faults, time_shift
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.state import axis_state, axis_states
+
+HOLDING_FRICTION = {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction"}
+
+
+def recording(part="p1", start=0.0):
+    t = np.arange(0.0, 40.0, 0.01)
+    v = np.where(np.sin(0.5 * t) > 0.2, 5.0, np.where(np.sin(0.5 * t) < -0.2, -5.0, 0.0))
+    x = np.cumsum(v) * 0.01
+    cut = (t > 10) & (t < 30)
+    columns = {
+        "time": t, "pos_x": x, "v_x": v, "a_x": np.gradient(v, t), "pos_y": 0 * t, "v_y": np.sin(t), "a_y": np.cos(t),
+        "pos_z": 0 * t, "v_z": 0 * t, "a_z": 0 * t, "v_sp": 6000.0 * cut, "a_sp": np.gradient(6000.0 * cut, t),
+        "f_x_sim": 50.0 * cut, "f_y_sim": 30.0 * cut, "f_z_sim": 40.0 * cut, "m_sp_sim": 1.0 * cut,
+        "mrr_sim": 100.0 * cut, "curr_x_sim": np.sin(t), "curr_sp_sim": np.cos(t), "coolant": 1.0 * (t > 20),
+    }  # fmt: skip
+    about = PartInfo.model_validate(
+        {
+            "part": part, "machine": "m", "start_time_s": start, "vertical_axis": "x",
+            "workpiece": {"center_xy_mm": [0, 0], "size_xy_mm": [100, 100], "top_z_mm": 0},
+        }
+    )  # fmt: skip
+    return Recording(about, columns)
+
+
+def first_shape(mechanism):
+    return {p.name: p.grid[0] for p in mechanism.shape}
+
+
+@pytest.mark.parametrize("mechanism", CATALOGUE, ids=lambda m: m.id)
+def test_regressors_are_finite_with_one_column_per_amplitude(mechanism):
+    for axis in mechanism.axes:
+        state = axis_state(recording(), axis)
+        values = mechanism.regressors(state, **first_shape(mechanism))
+        assert values.shape == (len(state.time), len(mechanism.amplitudes))
+        assert np.isfinite(values).all()
+        summary, _ = mechanism.conditions(axis, first_shape(mechanism))
+        assert summary
+        assert "{" not in summary
+        where = mechanism.where(state, **first_shape(mechanism))
+        assert where.min() >= 0
+        assert where.max() <= 1
+
+
+@pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in HOLDING_FRICTION], ids=lambda m: m.id)
+def test_friction_without_memory_draws_no_current_at_rest_and_turns_with_the_motion(mechanism):
+    forward = recording()
+    back = forward.with_columns(**{c: -forward[c] for c in ("pos_x", "v_x", "a_x")})
+    one, other = axis_state(forward, "x"), axis_state(back, "x")
+    shape = first_shape(mechanism)
+    assert not mechanism.regressors(one, **shape)[~one.moving].any()
+    np.testing.assert_allclose(mechanism.regressors(other, **shape), -mechanism.regressors(one, **shape), atol=1e-12)
+
+
+def test_a_mechanism_says_why_the_data_cannot_show_it():
+    bare = recording()
+    still = Recording(bare.part, {"time": bare.time, "v_x": 0 * bare.time})
+    for mechanism in CATALOGUE:
+        reason = mechanism.applies([axis_state(still, "x")])
+        if mechanism.id not in ("sensor_offset", "gravity_load", "thermal_drift"):
+            assert reason, mechanism.id
+
+
+@pytest.mark.parametrize("x_0", [0.05, 0.4])
+def test_presliding_follows_dahl_integrated_step_by_step(x_0):
+    made = recording()
+    mechanism = next(m for m in CATALOGUE if m.id == "presliding_hysteresis")
+    z, expected, step = 1.0, [], 0.05 / 200
+    for v in made["v_x"]:
+        for _ in range(200 if v else 0):
+            z += step * (np.sign(v) - z) / x_0
+        expected.append(z)
+    got = mechanism.regressors(axis_state(made, "x"), x_0=x_0, full=1.0)[:, 0]
+    moved = np.cumsum(made["v_x"] != 0) > 5
+    # The two place the turn half a sample apart.
+    assert np.sqrt(np.mean((got - np.array(expected))[moved] ** 2)) < 0.08
+
+
+def test_wear_goes_on_from_part_to_part():
+    first, second = axis_states([recording("p1"), recording("p2", 100.0)], "x")
+    assert first.cut_volume[-1] == pytest.approx(100.0 * 20.0, rel=1e-2)
+    assert second.cut_volume[-1] == pytest.approx(2 * first.cut_volume[-1])
+    assert second.earlier == ((0.0, pytest.approx(39.99)),)
+
+
+def test_way_since_a_reversal_is_travel_over_the_speed():
+    made = recording()
+    state = axis_state(made, "x")
+    at = int(np.flatnonzero(np.diff(state.segment) > 0)[0]) + 1
+    assert state.since_reversal[at + 100] == pytest.approx(5.0, abs=0.06)
+
+
+def test_a_clean_recording_has_no_faulty_input_and_a_frozen_position_is_one():
+    made = recording()
+    rng = np.random.default_rng(0)
+    noisy = made.with_columns(v_z=rng.normal(0, 0.005, len(made)))
+    assert input_faults(noisy) == {}
+    moving = np.flatnonzero(made["v_x"] > 0)[:100]
+    x = made["pos_x"].copy()
+    x[moving[20:80]] = x[moving[20]]
+    faults = input_faults(made.with_columns(pos_x=x))
+    assert list(faults) == ["pos_x"]
+    assert min(f.t_start for f in faults["pos_x"]) == pytest.approx(made.time[moving[20]], abs=0.03)
+
+
+def test_a_limited_current_is_seen_and_a_noisy_one_is_not():
+    current = 3 * np.sin(np.arange(4000) / 50) + np.random.default_rng(1).normal(0, 0.1, 4000)
+    made = recording()
+    assert clipping(made.with_columns(curr_x=current), "x") is None
+    assert clipping(made.with_columns(curr_x=np.minimum(current, 2.0)), "x") == (-np.inf, 2.0)
+
+
+@pytest.mark.parametrize("lag", [-0.2, 0.034, 0.5])
+def test_a_shift_in_time_is_measured(lag):
+    made = recording()
+    t = made.time
+    signal = lambda u: np.sin(u) + np.sin(2.7 * u) + np.tanh(8 * np.sin(0.9 * u))  # noqa: E731
+    shifted = made.with_columns(curr_x_sim=signal(t), curr_x=signal(t - lag))
+    assert time_shift(shifted, "x")[0] == pytest.approx(lag, abs=0.005)
