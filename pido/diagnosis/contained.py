@@ -9,17 +9,16 @@ disappears in it could not be found miscalibrated either.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from pido.diagnosis.mechanisms.base import Mechanism
-from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import Library, basis, best_addition, drop_useless, grid_terms, swap
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
 
+_ROWS = 6_000  # that are looked at: the simulated current is the same to the last digit however many there are
 _FRACTION = 0.3  # of the mismatch's noise level
 _LEAST_SHARE = 0.02  # of the simulated current's rms that a component must have
 _LEAST_GAIN = 30.0  # BIC
@@ -36,14 +35,13 @@ def contained(
     if mismatch.sim is None or not np.any(mismatch.usable):
         return {}
     own = [m for m in mechanisms if m.id not in NOT_A_COMPONENT and m.applies(mismatch.states) is None]
-    faint = replace(noise, level=_FRACTION * noise.level)
-    sim = np.where(mismatch.usable, mismatch.sim, 0.0)
-    problem = replace(
-        mismatch,
-        target=np.where(mismatch.usable, sim + _noise_like(faint, rng), 0.0),
-        base=np.zeros((0, mismatch.n)),
-        base_names=(),
-    )
+    stride = max(1, mismatch.n // _ROWS)
+    thin = lay_out(mismatch.states, [s.sim for s in mismatch.states if s.sim is not None], stride=stride)
+    sim = np.where(thin.usable, np.concatenate([s.sim for s in thin.states if s.sim is not None]), 0.0)
+    # White noise: what a row is worth is set by how many rows there are, not by how they hang together.
+    level = _FRACTION * float(np.median(noise.level))
+    faint = Noise(np.zeros(0), np.full(thin.n, level), 1.0, thin.usable)
+    problem = thin.with_target(np.where(thin.usable, sim + rng.normal(scale=level, size=thin.n), 0.0))
     library = Library(problem, [t for m in own for t in grid_terms(m)])
     library.whiten(faint)
     terms: list[Term] = []
@@ -52,17 +50,14 @@ def contained(
         best = best_addition(library, current, {t.name for t in terms})
         if best is None or best.bic > current.bic - _LEAST_GAIN:
             break
-        terms = drop_useless(library, faint, swap(library, faint, [*terms, best.term]))
+        terms.append(best.term)
+    terms = drop_useless(library, faint, swap(library, faint, terms), _LEAST_GAIN)
     joint = fit(problem, faint, terms)
-    size = float(np.sqrt(np.mean(sim[mismatch.usable] ** 2)))
+    size = float(np.sqrt(np.mean(sim[thin.usable] ** 2)))
     out = {}
     for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
         effect = amplitudes @ term.columns(problem.states)
-        if float(np.sqrt(np.mean(effect[mismatch.usable] ** 2))) > _LEAST_SHARE * size:
+        if float(np.sqrt(np.mean(effect[thin.usable] ** 2))) > _LEAST_SHARE * size:
             out[term.mechanism.id] = term
     return out
 
-
-def _noise_like(noise: Noise, rng: np.random.Generator):
-    innovations = rng.normal(scale=noise.innovation, size=len(noise.level))
-    return noise.level * lfilter([1.0], np.r_[1.0, -noise.ar], innovations)

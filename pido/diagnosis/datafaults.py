@@ -59,28 +59,32 @@ def input_findings(parts: Sequence[Recording]) -> list[Finding]:
     return out
 
 
-def clipped(parts: Sequence[Recording], axis: str) -> tuple[float, float] | None:
-    """Limits that the recorded current of `axis` runs into while the simulation goes on, over all parts."""
-    low, high = -np.inf, np.inf
+Limits = Mapping[str, tuple[float, float]]
+
+
+def clipped(parts: Sequence[Recording], axis: str) -> Limits:
+    """Per part, the limits that the recorded current of `axis` runs into while the simulation goes on."""
+    out = {}
     for recording in parts:
         limits = clipping(recording, axis)
         if limits is None or CURRENT_SIM[axis] not in recording:
             continue
         current, sim = recording[CURRENT[axis]], recording[CURRENT_SIM[axis]]
-        if np.isfinite(limits[0]) and np.nanmean(sim[current == limits[0]]) < limits[0]:
-            low = max(low, limits[0])
-        if np.isfinite(limits[1]) and np.nanmean(sim[current == limits[1]]) > limits[1]:
-            high = min(high, limits[1])
-    return (low, high) if np.isfinite(low) or np.isfinite(high) else None
+        low = limits[0] if np.isfinite(limits[0]) and np.nanmean(sim[current == limits[0]]) < limits[0] else -np.inf
+        high = limits[1] if np.isfinite(limits[1]) and np.nanmean(sim[current == limits[1]]) > limits[1] else np.inf
+        if np.isfinite(low) or np.isfinite(high):
+            out[recording.part.part] = (float(low), float(high))
+    return out
 
 
-def at_limit(recording: Recording, axis: str, limits: tuple[float, float]) -> Bool1D:
+def at_limit(recording: Recording, axis: str, limits: Limits) -> Bool1D:
     """(n,) – rows in which the recorded current stands at a limit."""
     current = recording[CURRENT[axis]]
-    return (current <= limits[0]) | (current >= limits[1])
+    low, high = limits.get(recording.part.part, (-np.inf, np.inf))
+    return (current <= low) | (current >= high)
 
 
-def clipping_finding(parts: Sequence[Recording], axis: str, limits: tuple[float, float], noise: float) -> Finding:
+def clipping_finding(parts: Sequence[Recording], axis: str, limits: Limits, noise: float) -> Finding:
     """The limit as a finding; its proof is how far the simulation goes beyond it there."""
     intervals, before, after, recorded = [], [], [], []
     for recording in parts:
@@ -88,22 +92,26 @@ def clipping_finding(parts: Sequence[Recording], axis: str, limits: tuple[float,
         rows = at_limit(recording, axis, limits)
         intervals += _runs(recording, rows)
         before.append((current - sim)[np.isfinite(current - sim)])
-        after.append((current - np.clip(sim, *limits))[np.isfinite(current - sim)])
+        after.append((current - np.clip(sim, *limits.get(recording.part.part, (-np.inf, np.inf))))[np.isfinite(current - sim)])
         recorded.append(current[np.isfinite(current - sim)])
     b, a, c = np.concatenate(before), np.concatenate(after), np.concatenate(recorded)
     gain = float(np.sum(b**2 - a**2)) / max(noise, 1e-9) ** 2
     total = float(np.var(c)) or 1.0
-    finite = {n: v for n, v in (("lowest", limits[0]), ("highest", limits[1])) if np.isfinite(v)}
+    finite = {}
+    for k, name in enumerate(("lowest", "highest")):
+        values = np.array([v[k] for v in limits.values() if np.isfinite(v[k])])
+        if len(values):
+            finite[name] = Estimate(float(np.median(values)), "A", (float(values.min()), float(values.max())))
     p = float(stats.chi2.sf(max(gain, 0.0), 1))
     return Finding(
         axis=axis,
         mechanism="sensor_clipping",
         kind="data_fault",
         equation=f"curr_{axis} = min(max(I, lowest), highest)",
-        parameters={n: Estimate(v, "A", (v, v)) for n, v in finite.items()},
+        parameters=finite,
         where=Where(
-            f"wherever the current of {axis} reaches {' or '.join(f'{v:.4g} A' for v in finite.values())}",
-            tuple(f"curr_{axis} {'<=' if n == 'lowest' else '>='} {v:.4g}" for n, v in finite.items()),
+            f"wherever the current of {axis} reaches {' or '.join(f'{e.value:.4g} A' for e in finite.values())}",
+            tuple(f"curr_{axis} {'<=' if n == 'lowest' else '>='} {e.value:.4g}" for n, e in finite.items()),
             tuple(intervals),
         ),
         evidence=Evidence(p, p, gain),

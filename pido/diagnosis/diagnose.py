@@ -24,7 +24,7 @@ from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.confirm import held_out
 from pido.diagnosis.contained import contained
-from pido.diagnosis.datafaults import at_limit, clipped, clipping_finding, input_findings, timing_finding
+from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Finding, PartSeries, Rejected
 from pido.diagnosis.identify import (
@@ -100,9 +100,8 @@ def diagnose(
         answer = search(looks.pop(axis), rng, len(axes), timed=delay is not None)
         full = _lay_out(parts, axis, machine, limits[axis], searching=False)
         work = _settle(full if delay is None else _without_delay(full, delay), parts, answer, rng, delay, limits[axis])
-        own = limits[axis]
-        if own is not None:
-            work.findings.append(clipping_finding(parts, axis, own, work.model.noise_level))
+        if limits[axis]:
+            work.findings.append(clipping_finding(parts, axis, limits[axis], work.model.noise_level))
         findings += work.findings
         rejected += work.rejected
         notes += work.notes
@@ -154,13 +153,13 @@ def _lay_out(
     parts: Sequence[Recording],
     axis: str,
     machine: Machine | None,
-    limits: tuple[float, float] | None,
+    limits: Limits,
     searching: bool,
 ) -> Mismatch:
     states = axis_states(parts, axis, machine)
     simulated = CURRENT_SIM[axis] in parts[0]
     targets = [r[CURRENT[axis]] - (r[CURRENT_SIM[axis]] if simulated else 0.0) for r in parts]
-    if limits is not None:
+    if limits:
         targets = [np.where(at_limit(r, axis, limits), np.nan, t) for r, t in zip(parts, targets, strict=True)]
     bases, names = (None, ()) if simulated else _equation(parts, states)
     rows = sum(len(r) for r in parts)
@@ -222,7 +221,7 @@ def _settle(
     answer: Answer,
     rng: np.random.Generator,
     delay: Delay | None,
-    limits: tuple[float, float] | None,
+    limits: Limits,
 ) -> _Work:
     """The final fit on every row, its proof, and the series of every part."""
     noise = estimate_noise(_plain_residual(full, answer.terms), full.starts, full.noise_class, full.usable)
@@ -239,7 +238,7 @@ def _settle(
         found.fit.amplitudes,
         equation,
         (0.0, 0.0) if delay is None or full.base_names else (delay.offset, delay.drift),
-        limits or (-np.inf, np.inf),
+        dict(limits),
     )
     recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
     findings = []

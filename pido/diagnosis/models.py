@@ -44,7 +44,7 @@ class AxisModel:
 
     noise_level : A – what the residual of this axis usually is
     delay : s – the recording lags the simulation by delay[0] + delay[1] * time
-    limits : A – the recorded current never leaves them
+    limits : per part, A – the recorded current never leaves them; a part that was not seen has the widest
     """
 
     axis: str
@@ -53,7 +53,7 @@ class AxisModel:
     amplitudes: tuple[Float1D, ...] = ()
     equation: Equation | None = None
     delay: tuple[float, float] = (0.0, 0.0)
-    limits: tuple[float, float] = (-np.inf, np.inf)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=())
 
     def simulated(self, recording: Recording, state: AxisState) -> Float1D:
@@ -76,7 +76,12 @@ class AxisModel:
             total += self.equation.of(recording, self.equation.joint) - simulated
         for term, amplitudes in zip(self.terms, self.amplitudes, strict=True):
             total += amplitudes @ term.of_part(state)
-        return np.clip(simulated + total, *self.limits) - simulated
+        return np.clip(simulated + total, *self._limits_of(recording.part.part)) - simulated
+
+    def _limits_of(self, part: str) -> tuple[float, float]:
+        every = self.limits.values()
+        widest = (min((v[0] for v in every), default=-np.inf), max((v[1] for v in every), default=np.inf))
+        return self.limits.get(part, widest)
 
 
 def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
@@ -102,7 +107,7 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
     return {
         "noise_level": m.noise_level,
         "delay": list(m.delay),
-        "limits": [v if np.isfinite(v) else None for v in m.limits],
+        "limits": {p: [v if np.isfinite(v) else None for v in limits] for p, limits in m.limits.items()},
         "equation": None
         if m.equation is None
         else {"names": list(m.equation.names), "alone": m.equation.alone.tolist(), "joint": m.equation.joint.tolist()},
@@ -111,7 +116,6 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
 
 
 def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
-    low, high = data["limits"]
     equation = data["equation"]
     terms = [_term(t) for t in data["terms"]]
     return AxisModel(
@@ -123,7 +127,10 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         if equation is None
         else Equation(tuple(equation["names"]), np.asarray(equation["alone"]), np.asarray(equation["joint"])),
         delay=(float(data["delay"][0]), float(data["delay"][1])),
-        limits=(-np.inf if low is None else float(low), np.inf if high is None else float(high)),
+        limits={
+            part: (-np.inf if low is None else float(low), np.inf if high is None else float(high))
+            for part, (low, high) in data["limits"].items()
+        },
     )
 
 

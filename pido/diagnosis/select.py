@@ -69,6 +69,8 @@ class Library:
         self.tries = {name: sum(t.name == name for t in self.terms) for name in {t.name for t in self.terms}}
         self.whitened = self.rows
         self.grams: list[Float2D] = []
+        self._own = np.zeros(0)
+        self._single = np.zeros(0, bool)
         self.noise: Noise | None = None
 
     def whiten(self, noise: Noise) -> None:
@@ -78,6 +80,8 @@ class Library:
         for i in range(0, len(self.rows), _CHUNK):
             self.whitened[i : i + _CHUNK] = noise.whiten(self.rows[i : i + _CHUNK])
         self.grams = [np.asarray(self.whitened[i:j] @ self.whitened[i:j].T, float) for i, j in self.spans]
+        self._own = np.concatenate([np.diag(g) for g in self.grams]) if self.grams else np.zeros(0)
+        self._single = np.repeat([j - i == 1 for i, j in self.spans], [j - i for i, j in self.spans])
 
     def charge(self, term: Term) -> float:
         """BIC for the shapes and the limits of a region that were tried on a term's behalf."""
@@ -85,14 +89,23 @@ class Library:
 
     def screen(self, current: Basis) -> list[Score]:
         """One more term of the library, each at its grid point; implausible amplitudes are left out."""
-        onto = self.whitened @ current.Q.T.astype(np.float32)
+        onto = np.asarray(self.whitened @ current.Q.T.astype(np.float32), float)
         with_residual = np.asarray(self.whitened @ current.residual.astype(np.float32), float)
-        onto = np.asarray(onto, float)
+        single = self._single
+        left = self._own - np.einsum("ij,ij->i", onto, onto)
+        open_ = single & (left > _COLLINEAR * np.maximum(self._own, 1e-30))
+        gain = np.where(open_, with_residual**2 / np.where(open_, left, 1.0), 0.0)
         out = []
-        for term, (i, j), gram in zip(self.terms, self.spans, self.grams, strict=True):
-            score = self._score(term, gram, onto[i:j], with_residual[i:j], current)
-            if score is not None:
-                out.append(score)
+        for k, (term, (i, j)) in enumerate(zip(self.terms, self.spans, strict=True)):
+            if not single[i]:
+                score = self._score(term, self.grams[k], onto[i:j], with_residual[i:j], current)
+                if score is not None:
+                    out.append(score)
+            elif 0 < gain[i] < current.rss:
+                beta = with_residual[i : i + 1] / left[i]
+                sd = np.sqrt(current.rss / current.n / left[i : i + 1])
+                if term.name in self.any_sign or plausible(term.mechanism, beta, sd):
+                    out.append(self._scored(term, float(gain[i]), beta, 1, current))
         return out
 
     def score(self, term: Term, current: Basis) -> Score | None:
@@ -122,9 +135,11 @@ class Library:
             sd[keep] = np.sqrt(np.diag(inverse) * current.rss / current.n)
             if not plausible(term.mechanism, beta, sd):
                 return None
-        free = current.free + int(good.sum()) + term.free
-        searched = self.charge(term)
-        return Score(term, gain, bic(current.rss - gain, current.n, free) + current.searched + searched, beta)
+        return self._scored(term, gain, beta, int(good.sum()), current)
+
+    def _scored(self, term: Term, gain: float, beta: Float1D, rank: int, current: Basis) -> Score:
+        free = current.free + rank + term.free
+        return Score(term, gain, bic(current.rss - gain, current.n, free) + current.searched + self.charge(term), beta)
 
 
 @dataclass(frozen=True)
