@@ -16,7 +16,7 @@ import numpy as np
 from pido.core.machining import Tool
 from pido.nc import words as known
 from pido.nc.cycles import CYCLES, PATTERNS, Cycle, arguments
-from pido.nc.frames import Frame, identity, scaling, translation, turn
+from pido.nc.frames import identity, scaling, translation, turn
 from pido.nc.geometry import Arc, arc_by_angle, arc_by_centre, arc_by_radius, arc_from_tangent, circle_through
 from pido.nc.grammar import Coordinate
 from pido.nc.offset import Element, offset_contour
@@ -148,9 +148,10 @@ class Executor:
     def state(self) -> tuple[Any, ...]:
         """Everything that decides what the next block does, except variables: equal states repeat for ever."""
         return (
-            tuple(self.position), self.motion, self.plane, self.absolute, self.scale, self.feed_mode, self.feed_word, self.rpm,
-            self.exact, self.coolant, self.tool, self.preselected, self.offset_name, self.side, self.modal_cycle,
-            self.programmable.matrix.tobytes(), self.programmable.shift.tobytes(), self.base.shift.tobytes(), self.override,
+            tuple(self.position), self.motion, self.plane, self.absolute, self.scale, self.feed_mode, self.feed_word,
+            self.rpm, self.exact, self.coolant, self.tool, self.preselected, self.offset_name, self.side, self.modal_cycle,
+            self.programmable.matrix.tobytes(), self.programmable.shift.tobytes(), self.base.shift.tobytes(),
+            self.override,
         )  # fmt: skip
 
     # --- a block -----------------------------------------------------------------------------------------------
@@ -634,7 +635,7 @@ class Executor:
             raise ValueError("G41/G42 needs the tool's radius: give the tool in the list of tools")
 
     def _collect(self, target: list[float], feed: float, arc: Arc | None) -> None:
-        u, v, w = PLANES[self.plane]
+        _u, _v, w = PLANES[self.plane]
         what = (feed, self.line, self.modal, self.step)
         self.contour.append(Element(self._plane(self.position), self._plane(target), target[w], what, arc))
         self.position = target

@@ -1,10 +1,10 @@
 """Drilling patterns, drilling and pocket cycles, as moves in the working plane.
 
-In:  a cycle's arguments (None where one was left out) and a `Pen` that draws in plane coordinates: u, v in the plane, w along
-     the tool.
+In:  a cycle's arguments (None where one was left out) and a `Pen` that draws in plane coordinates: u, v in the plane,
+     w along the tool.
 Out: rapids, feeds and circles through the pen.
-Source: SINUMERIK 840D sl "Cycles", classic parameter lists. Where the manual leaves the path of a pocket to the control, it
-is rings from the middle outwards at the given infeeds: the removed volume is the pocket's, the order of rings is ours.
+Source: SINUMERIK 840D sl "Cycles", classic parameter lists. Where the manual leaves the path of a pocket to the
+control, it is rings from the middle outwards at the given infeeds: the removed volume is the pocket's, the order ours.
 """
 
 from __future__ import annotations
@@ -20,10 +20,12 @@ Arguments = tuple[Any, ...]
 class Pen(Protocol):
     """What a cycle may do. Positions in mm, feeds in mm/s (None: the feed that holds)."""
 
-    feed_mm_s: float
-    rpm: float
-    tool_radius_mm: float | None
-
+    @property
+    def feed_mm_s(self) -> float: ...
+    @property
+    def rpm(self) -> float: ...
+    @property
+    def tool_radius_mm(self) -> float | None: ...
     @property
     def position(self) -> tuple[float, float, float]: ...
     def rapid(self, u: float | None = None, v: float | None = None, w: float | None = None) -> None: ...

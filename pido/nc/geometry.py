@@ -107,14 +107,14 @@ def circle_through(a: Float1D, b: Float1D, c: Float1D) -> tuple[Float1D, Float1D
 
 def chords(centre: Float2D, e1: Float2D, e2: Float2D, normal: Float2D, sweep: Float1D, radius: Float1D,
            radius_end: Float1D, rise: Float1D, sagitta_mm: float) -> tuple[Int1D, Float2D, Float2D]:  # fmt: skip
-    """m helices as chords whose sagitta is at most `sagitta_mm` (and which span at most 15 degrees).
+    """m helices as chords whose sagitta is at most `sagitta_mm` (and which span at most 4 degrees).
 
     centre (m, 3); e1, e2, normal (m, 3): start direction, direction of turning, axis; sweep (m,) rad >= 0;
     radius, radius_end, rise (m,) mm.
     Returns how many chords each has (m,), their ends (k, 3) and sagitta vectors (k, 3), mm.
     """
     largest = np.sqrt(8 * sagitta_mm / np.maximum(np.maximum(radius, radius_end), 1e-9))
-    count = np.maximum(1, np.ceil(sweep / np.minimum(largest, np.pi / 12))).astype(np.int64)
+    count = np.maximum(1, np.ceil(sweep / np.minimum(largest, np.pi / 45))).astype(np.int64)
     owner = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + 1
 

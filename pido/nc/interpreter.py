@@ -1,8 +1,8 @@
 """NC program -> toolpath: variables, loops, jumps and subprograms around the blocks.
 
 In:  a program (file or text) in SINUMERIK dialect or plain ISO, optionally machine, tools, zero offsets, subprograms.
-Out: `Toolpath`. Whatever is not understood, missing, endless or out of reach is a `ProgramError` with line and text, and all
-     faults of the text are reported together before a block is executed.
+Out: `Toolpath`. Whatever is not understood, missing, endless or out of reach is a `ProgramError` with line and text,
+     and all faults of the text are reported together before a block is executed.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def interpret(
     block_skip : leave out blocks that begin with /
     neutral : words of this machine that change nothing here, e.g. ("M27", "SPECIAL_CYCLE")
 
-    Raises ProgramError: text that is not understood (all of it at once), a missing subprogram, an endless loop, a tool that
-    is not in the list, travel or spindle speed exceeded.
+    Raises ProgramError: text that is not understood (all of it at once), a missing subprogram, an endless loop, a tool
+    that is not in the list, travel or spindle speed exceeded.
 
     >>> path = interpret("G0 X0 Y0 Z0\\nG1 X30 Y40 F600\\nM30")
     >>> path.length.tolist(), path.feed.tolist(), path.nc_line.tolist()
@@ -113,8 +113,9 @@ class _Library:
                 found = self.find(called)
                 if found is None:
                     faults.append(
-                        f"{program.name}, line {line}: '{program.text(line)}': {called} is neither a word that is understood "
-                        "nor a subprogram that is there; put its file beside the program, or name it in `neutral`"
+                        f"{program.name}, line {line}: '{program.text(line)}': {called} is neither a word that is "
+                        "understood nor a subprogram that is there; put its file beside the program, or name it in "
+                        "`neutral`"
                     )
                 else:
                     self.programs[called] = found
@@ -292,7 +293,7 @@ class _Run:
                 )
             statement = statements[i]
             i += 1
-            if type(statement) is tuple:
+            if not isinstance(statement, Statement):
                 line, g, x, y, z, f = statement
                 e.line = line
                 if e.plain:

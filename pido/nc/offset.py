@@ -1,8 +1,8 @@
 """Tool radius compensation (G41, G42): the programmed contour -> the path of the tool's middle, in the working plane.
 
 In:  lines and circles of the contour, mm, with the tool's radius and side.
-Out: lines and circles at that distance: outer corners with a circle about the corner (G450), inner ones shortened to the
-     intersection. A contour that the tool cannot follow is an error, as on the control.
+Out: lines and circles at that distance: outer corners with a circle about the corner (G450), inner ones shortened to
+     the intersection. A contour that the tool cannot follow is an error, as on the control.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """A piece of the contour; `arc` is None on a line. w: height at its end; what: whatever belongs to it (feed, line)."""
+    """A piece of the contour; `arc` is None on a line. w: height at its end; what: whatever belongs to it."""
 
     start: Point
     end: Point

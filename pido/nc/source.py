@@ -1,9 +1,9 @@
 """NC text -> statements, with all faults of a file found before anything is executed.
 
 In:  a program's text (UTF-8 or cp1252 file), the names of the subprograms that exist.
-Out: `Program`: one statement per line that says something. Plain lines (G0/G1 X Y Z F) are tuples, recognised by one regular
-     expression, so that a million of them take seconds; lines of letter-number words are lists of pairs; all others go
-     through the grammar.
+Out: `Program`: one statement per line that says something. Plain lines (G0/G1 X Y Z F) are tuples, recognised by one
+     regular expression, so that a million of them take seconds; lines of letter-number words are lists of pairs; all
+     others go through the grammar.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ _LABEL = re.compile(r"([A-Z_][A-Z0-9_]*):(?!=)\s*")
 _SECTION = re.compile(r"\s*(?:%_N_(\w+?)_(?:MPF|SPF)\b|O(\d{1,8})\s*(?:\(.*\))?\s*$)", re.IGNORECASE)
 _COMMENT_AFTER = re.compile(r"(?:^|[^A-Z0-9_$])[A-Z]=?[-+]?[\d.]+\s*$|[)\]\"]\s*$|^\s*$")
 _CALL_BEFORE = re.compile(r"(?:^|[^A-Z0-9_])L\d+\s*$")
+
+_CALLS = known.NEUTRAL_CALLS | frozenset(CYCLES) | {"CYCLE800"}
 
 Plain = tuple[int, int | None, float | None, float | None, float | None, float | None]
 
@@ -287,9 +289,7 @@ def _check_words(program: Program) -> list[tuple[int, str]]:
                     program.calls.setdefault(w.name.upper(), s.line)
                 else:
                     fault = f'"{w.name}" stands alone; text belongs to T="...", MSG("...") or CALL "..."'
-            elif w.name in CYCLES or (w.name in known.COMMANDS and w.how == "name"):
-                pass
-            elif w.name in known.NEUTRAL_CALLS or w.name == "CYCLE800":
+            elif w.name in _CALLS or (w.name in known.COMMANDS and w.how == "name"):
                 pass
             else:
                 program.calls.setdefault(w.name, s.line)

@@ -2,8 +2,8 @@
 
 In:  the interpreter's segments, in the order in which they are executed.
 Out: `Toolpath`. Arcs stand as short chords, each with the vector from the middle of the chord to the arc, so that
-     `p(u) = start + u (end - start) + 4 u (1 - u) sag`, u in 0..1, is the arc to a fraction of a micrometre and keeps its
-     curvature: a consumer that wants straight lines ignores `sag`, one that wants accelerations uses it.
+     `p(u) = start + u (end - start) + 4 u (1 - u) sag`, u in 0..1, is the arc to a fraction of a micrometre and keeps
+     its curvature: a consumer that wants straight lines ignores `sag`, one that wants accelerations uses it.
 """
 
 from __future__ import annotations

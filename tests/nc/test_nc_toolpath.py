@@ -267,5 +267,5 @@ def test_a_pocket_touches_its_walls_and_leaves_no_ridge(cycle):
     inside = rng.uniform(-1, 1, (300, 2)) * (np.array(half) - 6.0)
     if "POCKET4" in cycle:
         inside = inside[np.hypot(*inside.T) < 19]
-    nearest = np.min(np.linalg.norm(dense[None] - (inside + [50, 30])[:, None], axis=2), axis=1)
+    nearest = np.min(np.linalg.norm(dense[None] - (inside + np.array([50.0, 30.0]))[:, None], axis=2), axis=1)
     assert nearest.max() < 5.0

@@ -1,4 +1,4 @@
-"""2b: toolpath -> motion of the axes over time, as the machine executes it; and the machine's settings, from a recording."""
+"""2b: toolpath -> motion of the axes over time; and the machine's settings for that, from a recording."""
 
 from pido.process.motion.dynamics import Dynamics, check_machine
 from pido.process.motion.fit import FollowedPath, block_times, fit_dynamics, follow

@@ -1,4 +1,4 @@
-"""How one machine executes a path: settings that are fitted once (`pido.process.motion.fit`) or taken from its data sheet."""
+"""How one machine executes a path: settings, fitted once (`pido.process.motion.fit`) or from its data sheet."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from pido.core.machining import Machine
 class Dynamics:
     """What `Machine` does not say. The defaults are an ideal control: no lag, no waiting between blocks.
 
-    kv_per_s : servo gain of the position control, 1/s (1 m/min/mm = 16.7 1/s); actual position follows the set point as a
-        first-order lag with time constant 1/kv. None: without lag
+    kv_per_s : servo gain of the position control, 1/s (1 m/min/mm = 16.7 1/s); the actual position follows the set
+        point as a first-order lag with time constant 1/kv. None: without lag
     stop_window_mm : at an exact stop the next block waits until the lag is below this (G601 fine, about 0.01)
     block_overhead_s : what each stop costs besides, e.g. output of S and M to the PLC
     path_a_max, path_j_max : limits along a feed path, mm/s², mm/s³; None: the axes' own
@@ -54,7 +54,7 @@ def limits(machine: Machine, name: str) -> Float1D:
 
 
 def check_machine(machine: Machine) -> None:
-    """Raises SettingsError, with all faults, where the machine cannot move: a limit that is zero, negative or no number."""
+    """Raises SettingsError, with all faults, where a limit is zero, negative or no number: it cannot move."""
     faults = [
         f"{axis}.{name} = {value:g}"
         for axis in LINEAR_AXES

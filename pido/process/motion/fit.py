@@ -1,4 +1,4 @@
-"""A recorded run of a known program -> how far it strays from the path, how long its blocks take, and the machine's dynamics.
+"""A recorded run of a known program -> its distance from the path, its block times, and the machine's dynamics.
 
 In:  `Toolpath`; recorded time and positions of one run of it.
 Out: `FollowedPath` (way along the path per sample, distance from it), block times, fitted `Dynamics`.
@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.optimize import least_squares
 
-from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.errors import RecordingError
 from pido.core.machining import Machine
 from pido.nc.toolpath import ARC, FEED, Toolpath
@@ -42,8 +42,8 @@ class FollowedPath:
 def follow(toolpath: Toolpath, positions: Float2D, shift_mm: Float1D | None = None, rounds: int = 5) -> FollowedPath:
     """Lay recorded positions (n, 3) mm along the feed moves of a program.
 
-    `shift_mm`: programmed minus recorded, where it is known; else the middle of the feed path's box is laid on that of the
-    recording's slow part and refined by least squares. Samples off the path (approach, retract) are left out.
+    `shift_mm`: programmed minus recorded, where it is known; else the middle of the feed path's box is laid on that of
+    the recording's slow part and refined by least squares. Samples off the path (approach, retract) are left out.
 
     Raises RecordingError where fewer than half of the feed path is found.
     """
@@ -73,7 +73,8 @@ def follow(toolpath: Toolpath, positions: Float2D, shift_mm: Float1D | None = No
     covered = 0.0 if found is None else float(np.ptp(found.way)) / ways[-1]
     if found is None or covered < 0.5:
         raise RecordingError(
-            f"only {covered:.0%} of the program's feed path was found in the recording: another program, or another scale?"
+            f"only {covered:.0%} of the program's feed path was found in the recording: "
+            "another program, or another scale?"
         )
     return found
 
@@ -83,9 +84,9 @@ def block_times(
 ) -> tuple[Int1D, Float1D]:
     """Executed feed blocks that follow each other, and when each border between them was passed.
 
-    Returns block numbers (b,) and times (b + 1,) s; a border that was not passed is NaN. A border's time is the mean of the
-    times 0.3 mm before and behind it, so that a slow creep through a stop counts half to each side; the first block counts
-    from 0.3 mm behind its start and the last to 0.3 mm before its end.
+    Returns block numbers (b,) and times (b + 1,) s; a border that was not passed is NaN. A border's time is the mean
+    of the times 0.3 mm before and behind it, so that a slow creep through a stop counts half to each side; the first
+    block counts from 0.3 mm behind its start and the last to 0.3 mm before its end.
     """
     run = follow(toolpath, positions, shift_mm)
     cutting = np.isin(toolpath.kind, (FEED, ARC))
@@ -229,11 +230,11 @@ def _solve_shift(path: Toolpath, segment: Int1D, u: Float1D, place: Float2D, mea
 
 @njit(cache=True)
 def _project(start, end, sag, length, points, near):
-    """For each point the nearest place on the path not before that of the point before: segment (-1: none), u, distance."""
+    """For each point the nearest place on the path, never going back: segment (-1: none), u, distance."""
     n = len(points)
     m = len(length)
     segment, place, distance = np.full(n, -1, np.int64), np.zeros(n), np.zeros(n)
-    at, u_at, lost = 0, 0.0, 0
+    at, u_at = 0, 0.0
     for k in range(n):
         step = 0.0
         if k > 0:

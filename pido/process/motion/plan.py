@@ -1,8 +1,8 @@
 """Toolpath -> positions, speeds and accelerations over time, with look-ahead, stops, dwells, spindle and servo lag.
 
 In:  `Toolpath`, `Machine`, `Dynamics`.
-Out: `Motion` at a fixed rate. Commanded: the set points of the control, inside the limits of each axis. Actual: the same behind
-     a first-order servo lag (`Dynamics.kv_per_s`), equal to the commanded where there is none.
+Out: `Motion` at a fixed rate. Commanded: the set points of the control, inside the limits of each axis.
+     Actual: the same behind a first-order servo lag (`Dynamics.kv_per_s`), equal to the commanded where there is none.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.signal import lfilter
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
@@ -144,8 +145,7 @@ class _Path:
         start, end, sag, original, stop = _rounded(toolpath, stop, dynamics.smoothing_mm)
         chord = end - start
         chord_length = np.linalg.norm(chord, axis=1)
-        ratio = _over(np.linalg.norm(sag, axis=1), chord_length)
-        length = chord_length * (1 + 8 / 3 * ratio**2 - 32 / 5 * ratio**4)
+        length = parabola_length(chord_length, np.linalg.norm(sag, axis=1))
         # An axis' share of the path's speed is largest at one end of the segment.
         share = np.maximum(np.abs(chord + 4 * sag), np.abs(chord - 4 * sag)) / np.maximum(length, 1e-12)[:, None]
         share = np.minimum(share, 1.0)
@@ -179,16 +179,17 @@ class _Path:
         self, way: Float1D, speed: Float1D, a: Float1D, stretch: Int1D, profile: Profile
     ) -> tuple[Float2D, Float2D, Float2D, Int1D]:
         """Position, velocity, acceleration (n, 3) and segment (n,) at a way along the path, mm."""
-        i = np.searchsorted(self.way_before, way, side="right") - 1
-        i = np.clip(i, profile.first[stretch], profile.first[stretch + 1] - 1)
-        length = np.maximum(self.length[i], 1e-12)[:, None]
-        u = np.clip((way - self.way_before[i])[:, None] / length, 0.0, 1.0)
-        chord, sag = self.end[i] - self.start[i], self.sag[i]
-        position = self.start[i] + u * chord + 4 * u * (1 - u) * sag
-        tangent = (chord + 4 * (1 - 2 * u) * sag) / length
-        bend = -8 * sag / length**2
-        velocity = tangent * speed[:, None]
-        return position, velocity, tangent * a[:, None] + bend * speed[:, None] ** 2, i
+        return _on_path(
+            way,
+            speed,
+            a,
+            profile.first[stretch],
+            profile.first[stretch + 1],
+            self.way_before,
+            self.start,
+            self.end,
+            self.sag,
+        )
 
     def time_of_end(self, toolpath_index: Int1D, profile: Profile, begin: Float1D) -> Float1D:
         """When the set point passes the end of toolpath segments, s (to the sampling of a bisection, 1e-6 s)."""
@@ -204,7 +205,7 @@ class _Path:
 
 
 def _stops(toolpath: Toolpath, dynamics: Dynamics) -> Bool1D:
-    """Where the axes come to rest: exact stops, dwells, changes of speed, rapid to feed, and turns that nothing can round."""
+    """Where the axes come to rest: exact stops, dwells, changes of speed or tool, and turns that nothing can round."""
     stop = toolpath.exact_stop | (toolpath.kind == DWELL)
     following = slice(1, None)
     stop[:-1] |= toolpath.kind[following] == DWELL
@@ -289,7 +290,7 @@ def _schedule(path: _Path, profile: Profile, machine: Machine, dynamics: Dynamic
     has_way = profile.way > 0
     np.add.at(wait, np.repeat(np.arange(m), np.diff(profile.first)), path.wait)
     if dynamics.kv_per_s:
-        lag = stop_lag(profile, 1.0 / dynamics.kv_per_s, path)
+        lag = stop_lag(profile, 1.0 / dynamics.kv_per_s)
         settle = np.maximum(np.log(np.maximum(lag / dynamics.stop_window_mm, 1e-300)) / dynamics.kv_per_s, 0.0)
         wait += np.where(has_way, settle, 0.0)
     wait += np.where(has_way, dynamics.block_overhead_s, 0.0)
@@ -331,16 +332,71 @@ def _schedule(path: _Path, profile: Profile, machine: Machine, dynamics: Dynamic
     return begin, _Spindle(t, s, a, angle)
 
 
-def stop_lag(profile: Profile, tau: float, path: _Path) -> Float1D:
+def stop_lag(profile: Profile, tau: float) -> Float1D:
     """(m,), mm: lag at the moment when the set point of each stretch comes to rest.
 
-    Braking evenly from v within t_b, behind a first-order lag tau: v tau^2 / t_b (1 - exp(-t_b / tau)).
+    Braking with a from v, out of a steady cruise, behind a first-order lag tau: a tau^2 (1 - exp(-v / (a tau))). The
+    moving average over T after it averages the lag as well, while it fades: times tau / T (1 - exp(-T / tau)).
     """
-    last = profile.first[1:] - 1
-    v = profile.last_speed
-    braking = v / np.maximum(path.a[last], 1e-12) + profile.average
-    safe = np.maximum(braking, 1e-9)
-    return v * tau**2 / safe * -np.expm1(-safe / tau)
+    a = np.maximum(-profile.piece_a[profile.piece_first[1:] - 1], 1e-12)
+    at_rest = a * tau**2 * -np.expm1(-profile.last_speed / (a * tau))
+    share = np.maximum(profile.average / tau, 1e-12)
+    return at_rest * -np.expm1(-share) / share
+
+
+def parabola_length(chord: Float1D, sag: Float1D) -> Float1D:
+    """(n,), mm: arc length of a symmetric parabola over its chord.
+
+    >>> parabola_length(np.array([2.0]), np.array([0.5])).round(6).item()  # y = (1 - x^2) / 2 from -1 to 1
+    2.295587
+    """
+    steep = 4 * sag
+    hypotenuse = np.hypot(chord, steep)
+    bent = sag > 1e-9 * chord
+    safe = np.where(bent, steep, 1.0)
+    curve = hypotenuse / 2 + chord**2 / (2 * safe) * np.arcsinh(safe / np.maximum(chord, 1e-300))
+    return np.where(bent, curve, chord)
+
+
+@njit(cache=True)
+def _on_path(way, speed, a, first, stop, before, start, end, sag):
+    """Position, velocity, acceleration (n, 3) and segment (n,) at ways along segments that are parabolas."""
+    n = len(way)
+    position, velocity, acceleration = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    segment = np.empty(n, np.int64)
+    for k in range(n):
+        lo, hi = first[k], stop[k]
+        i = lo + np.searchsorted(before[lo : hi + 1], way[k], side="right") - 1
+        i = min(max(i, lo), hi - 1)
+        segment[k] = i
+        length = max(before[i + 1] - before[i], 1e-12)
+        u = min(max((way[k] - before[i]) / length, 0.0), 1.0)
+        c2 = h2 = 0.0
+        for d in range(3):
+            c2 += (end[i, d] - start[i, d]) ** 2
+            h2 += sag[i, d] ** 2
+        if h2 > 1e-6 * c2:  # where the parabola is steep, its parameter is not its length: Newton on the exact length
+            c, steep = np.sqrt(c2), 4.0 * np.sqrt(h2)
+            goal = (u - 0.5) * length
+            for _ in range(8):
+                q = steep * (2.0 * u - 1.0)
+                root = np.sqrt(c2 + q * q)
+                u -= ((q * root + c2 * np.arcsinh(q / max(c, 1e-300))) / (4.0 * steep) - goal) / max(root, 1e-12)
+                u = min(max(u, 0.0), 1.0)
+        m2 = along = 0.0
+        for d in range(3):
+            chord = end[i, d] - start[i, d]
+            position[k, d] = start[i, d] + u * chord + 4.0 * u * (1.0 - u) * sag[i, d]
+            velocity[k, d] = chord + 4.0 * (1.0 - 2.0 * u) * sag[i, d]
+            m2 += velocity[k, d] ** 2
+            along += velocity[k, d] * -8.0 * sag[i, d]
+        m = max(np.sqrt(m2), 1e-12)
+        for d in range(3):
+            t = velocity[k, d] / m
+            bend = (-8.0 * sag[i, d] - along / m * t) / (m * m)
+            acceleration[k, d] = t * a[k] + bend * speed[k] ** 2
+            velocity[k, d] = t * speed[k]
+    return position, velocity, acceleration, segment
 
 
 def _lag(pos: Float2D, v: Float2D, rate_hz: float, kv: float) -> tuple[Float2D, Float2D, Float2D]:
