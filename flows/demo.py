@@ -39,7 +39,7 @@ def main(data: Path | None, machine: str | None, job: Path | None, count: int, o
 
     \b
     python -m flows.demo
-    python -m flows.demo --data recordings --machine smart_mill --job jobs/wax.toml
+    python -m flows.demo --data recordings --job jobs/gear.toml
     """
     start = time.perf_counter()
     logging.getLogger("prefect").setLevel(logging.ERROR)

@@ -15,10 +15,11 @@ from typing import Any
 from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
+from prefect.runtime import flow_run
 
 from pido import parts, production
 from pido.core.errors import PidoError
-from pido.tracking.figures import table
+from pido.tracking.figures import markdown
 from pido.workspace import Workspace
 
 
@@ -78,7 +79,9 @@ def nightly(workspace: str) -> list[dict[str, Any]]:
 def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
     """The stages of one iteration, inside the machine's lock."""
     logger = get_run_logger()
-    with Workspace.open(workspace).lock(machine):
+    place = Workspace.open(workspace)
+    # The first lock says that this run has a process (flows.submit.sweep looks), the second that it has the machine.
+    with place.lock(f"run {flow_run.id}"), place.lock(machine):
         key = begin(workspace, machine, part)
         if production.done(workspace, key):
             logger.info("nothing new: this state is known")
@@ -98,14 +101,5 @@ def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
 
 def _page(outcome: dict[str, Any]) -> str:
     name = outcome["part"]["name"].replace("|", " ").replace("<", "&lt;")
-    lines = [
-        f"# {name}: version {outcome['version']}",
-        "",
-        outcome["gate"]["words"],
-        "",
-        "| axis | trained on | RMSE in A | R² |",
-        "|---|---|---|---|",
-    ]
-    for row in table(outcome["metrics"]):
-        lines.append(f"| {row['axis']} | {row['trained on']} | {row['rmse']:.4g} | {row['r2']:.3f} |")
-    return "\n".join(lines)
+    head = [f"# {name}: version {outcome['version']}", "", outcome["gate"]["words"], ""]
+    return "\n".join([*head, *markdown(outcome["metrics"])])

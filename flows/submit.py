@@ -3,7 +3,7 @@
 In:  what has arrived, by digest. Out: a flow run, or none where one is waiting or running already; dead runs put right.
 
 The ledger decides whether an arrival still has to be done; a run is only how. A run that says Running while no process
-holds its machine's lock and no heartbeat came is dead (worker and run killed together): it is set to Crashed here.
+holds its lock is dead (worker and run were killed together): it is set to Crashed here, and asked for again.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from prefect.deployments import run_deployment
 from prefect.events import emit_event
 from prefect.states import Crashed
 
+from pido.workspace import Workspace
+
 log = logging.getLogger(__name__)
 DEPLOYMENT = "new-part/arrivals"
 LIVE = [StateType.SCHEDULED, StateType.PENDING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
-SILENT = timedelta(seconds=100)
+SILENT = timedelta(seconds=30)
 
 
 def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
@@ -43,8 +45,8 @@ def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
     return True
 
 
-def sweep(alive: set[str]) -> int:
-    """Set runs to Crashed that say Running but have no process. `alive`: ids of runs whose process is there.
+def sweep(workspace: Workspace) -> int:
+    """Set runs to Crashed that say Running but have no process: nobody holds the lock that a run takes at its start.
 
     Returns how many. A run that has just started is left alone for a while.
     """
@@ -52,9 +54,9 @@ def sweep(alive: set[str]) -> int:
     with get_client(sync_client=True) as client:
         for run in _runs(None, [StateType.RUNNING], client):
             started = run.start_time or run.expected_start_time or datetime.now(UTC)
-            if str(run.id) not in alive and datetime.now(UTC) - started > SILENT:
+            if datetime.now(UTC) - started > SILENT and not workspace.locked(f"run {run.id}"):
                 client.set_flow_run_state(run.id, Crashed(message="its process is gone"), force=True)
-                log.warning("run %s of %s had no process any more: set to Crashed", run.name, run.id)
+                log.warning("run %s had no process any more: set to Crashed", run.name)
                 dead += 1
     return dead
 

@@ -18,9 +18,9 @@ III-A (pipeline), III-F and IV-D.
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
@@ -29,18 +29,16 @@ from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, REAL, Samples
-from pido.equations.choose import PAPER_CHOICE, AxisEquations, Candidate, Choice, candidates, choose, fit_chosen
+from pido.equations.choose import AxisEquations
 from pido.feature_space.density import balance as evenness
 from pido.feature_space.density import occupancy, relevant_bins
-from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid
-from pido.feature_space.regional import HeldOut
+from pido.feature_space.grid import Grid
 from pido.models.axis_models import AxisModels, held_out_errors
 from pido.models.inputs import InputKind
 from pido.models.metrics import AxisMetrics, metrics
 from pido.models.rivals import RIVALS
-from pido.sampling.gate import OPEN, Gate
-from pido.sampling.optimise import Report, optimise
-from pido.sampling.shares import ShareRule
+from pido.sampling.method import PAPER_METHOD, Adaptation, Method, adapt, balance_for
+from pido.sampling.optimise import Report
 
 log = logging.getLogger(__name__)
 Progress = Callable[[int, int, str], None]
@@ -55,57 +53,27 @@ VARIANTS: dict[str, tuple[int, ...]] = {
 
 
 @dataclass(frozen=True)
-class Method:
-    """How an iteration is done.
+class Recipe:
+    """How an iteration is done: the method, and the models that it serves."""
 
-    adaptive : terms and weights of the equation chosen on held-out stretches; else table 2 of the paper
-    gate : which generated rows are let through; share : how many are asked for
-    """
-
-    adaptive: bool = True
-    tried: tuple[Candidate, ...] = field(default_factory=candidates)
-    gate: Gate = field(default_factory=Gate)
-    share: ShareRule = field(default_factory=ShareRule)
-    nuisance: Literal["joint", "paper"] = "joint"
-    sampling_grid: Grid = SAMPLING_GRID
-    equation_grid: Grid = EQUATION_GRID
+    method: Method = field(default_factory=Method)
     estimators: str = "default"
     inputs: InputKind = "extended"
 
 
-PAPER = Method(
-    adaptive=False, tried=(), gate=OPEN, nuisance="paper", estimators="paper", inputs="paper",
-)  # fmt: skip
+PAPER = Recipe(PAPER_METHOD, estimators="paper", inputs="paper")
 """As printed: table 2, every generated row kept, the paper's models on its 13 inputs."""
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
-    """What held-out rows say about a set of parts: which equation per axis, and how wrong a model is where."""
-
-    choice: Choice
-    model_error: HeldOut | None
-
-    @property
-    def words(self) -> dict[str, str]:
-        """The chosen equation per axis."""
-        return {axis: str(near) for axis, near in zip(AXES, self.choice.near, strict=True)}
-
-
-@dataclass(frozen=True, eq=False)
-class Refit:
-    """Equations on the bins that generated rows can lie in, with the judgement that they rest on."""
-
-    equations: AxisEquations
-    judgement: Judgement
-
-
-@dataclass(frozen=True, eq=False)
 class Balanced:
-    """Generated rows for the needed bins, and how even the bins are before and after (standard deviation)."""
+    """Generated rows for the needed bins with their weights in the loss (n, 4), the equations that they come from, and
+    how even the bins are before and after (standard deviation of samples per bin)."""
 
     needed: Int1D
     generated: Samples
+    weights: Float2D
+    equations: AxisEquations
     report: Report
     before: float
     after: float
@@ -124,7 +92,6 @@ class Result:
     """An iteration. `evaluation` and `rehearsal` are None for the first part: nothing could be said about it before."""
 
     real: Samples
-    refit: Refit
     balanced: Balanced
     models: AxisModels
     rehearsal: Balanced | None
@@ -135,7 +102,7 @@ def iterate(
     parts: Mapping[str, Samples],
     arriving: str,
     machine: Machine,
-    method: Method | None = None,
+    recipe: Recipe | None = None,
     *,
     seed: int = 0,
     planned: Samples | None = None,
@@ -148,104 +115,101 @@ def iterate(
     planned : inputs along the path of the coming part, where its program is known; else the newest part's own path
     Raises FitError where there is nothing to learn from.
     """
-    method = method or Method()
+    recipe = recipe or Recipe()
     if arriving not in parts:
         raise FitError(f"part {arriving[:12]} is not among the parts of this iteration.")
-    steps = 7 if len(parts) > 1 else 3
+    names, first = list(parts), len(parts) == 1
     evaluation = rehearsal = None
-    if len(parts) > 1:
-        before = training_rows(parts, without=arriving)
-        path = parts[arriving]
-        on_progress(0, steps, "equations before the part")
-        fitted = refit(before, relevant(path, method), judge(before, machine, method, seed), machine, method)
-        on_progress(1, steps, "rows before the part")
-        rehearsal = balance(before, relevant(path, method), fitted, method, seed)
-        on_progress(2, steps, "models before the part")
-        models = {v: retrain(before, rehearsal.generated, v, method, seed) for v in variants}
-        on_progress(3, steps, "comparison")
+    if not first:
+        known = [name for name in names if name != arriving]
+        before, path = training_rows(parts, known), parts[arriving]
+        on_progress(0, 6, "equations and rows before the part")
+        adaptation = refit(training_rows(parts, known[: rests_on(len(known))]), machine, recipe, seed)
+        rehearsal = balance(before, path, adaptation, machine, recipe, seed)
+        on_progress(1, 6, "models before the part")
+        models = {v: retrain(before, rehearsal.generated, rehearsal.weights, v, recipe, seed) for v in variants}
+        on_progress(2, 6, "comparison")
         evaluation = evaluate(path, before, models)
+    on_progress(3, 6, "equations and rows")
     real = training_rows(parts)
-    coming = planned if planned is not None else parts[list(parts)[-1]]
-    on_progress(steps - 3, steps, "equations")
-    fitted = refit(real, relevant(coming, method), judge(real, machine, method, seed), machine, method)
-    on_progress(steps - 2, steps, "rows")
-    balanced = balance(real, relevant(coming, method), fitted, method, seed, planned)
-    on_progress(steps - 1, steps, "models")
-    models = retrain(real, balanced.generated, "both", method, seed)
-    on_progress(steps, steps, "done")
-    return Result(real, fitted, balanced, models, rehearsal, evaluation)
+    coming = planned if planned is not None else parts[names[-1]]
+    adaptation = refit(training_rows(parts, names[: rests_on(len(names))]), machine, recipe, seed)
+    balanced = balance(real, coming, adaptation, machine, recipe, seed)
+    on_progress(4, 6, "models")
+    models = retrain(real, balanced.generated, balanced.weights, "both", recipe, seed)
+    on_progress(6, 6, "done")
+    return Result(real, balanced, models, rehearsal, evaluation)
 
 
-def training_rows(parts: Mapping[str, Samples], without: str | None = None) -> Samples:
-    """The real rows of all parts but one, in the order of `parts`."""
-    return Samples.concat([samples for digest, samples in parts.items() if digest != without])
+def training_rows(parts: Mapping[str, Samples], names: Sequence[str] | None = None) -> Samples:
+    """The real rows of the parts named (of all), in that order."""
+    return Samples.concat([parts[name] for name in (parts if names is None else names)])
 
 
-def relevant(path: Samples, method: Method) -> Int1D:
+def rests_on(count: int) -> int:
+    """On how many of `count` parts, in production order, the choice of equations and shares rests: 1, 2, 3, then each
+    time half as many again. Choosing costs more than a model, and what was found holds until the data have grown by a
+    good part; counted this way it is still a function of the set of parts, not of when they came.
+
+    >>> [rests_on(n) for n in range(1, 13)]
+    [1, 2, 3, 3, 5, 5, 5, 8, 8, 8, 8, 12]
+    """
+    step = 1
+    while (after := max(step + 1, math.ceil(1.5 * step))) <= count:
+        step = after
+    return step
+
+
+def relevant(path: Samples, recipe: Recipe) -> Int1D:
     """The bins that a planned or recorded path goes through (paper, section III-E)."""
-    return relevant_bins(path.reduced, method.sampling_grid)
+    return relevant_bins(path.reduced, recipe.method.grid)
 
 
-def judge(real: Samples, machine: Machine, method: Method, seed: int) -> Judgement:
-    """The equation per axis that the real rows ask for, and errors on held-out rows. It does not depend on any path, so
-    what was found for a set of parts holds when the next part is compared with it."""
-    if not method.adaptive:
-        return Judgement(PAPER_CHOICE, None)
-    choice = choose(real, machine, method.tried, grid=method.equation_grid, coverage=method.sampling_grid)
-    return Judgement(choice, held_out_errors(real, inputs=method.inputs, grid=method.sampling_grid, seed=seed))
+def refit(real: Samples, machine: Machine, recipe: Recipe, seed: int) -> Adaptation:
+    """Which equation per axis, and which share rule, the real rows ask for: judged on rows left out."""
+    model_error = None
+    if recipe.method.adaptive:
+        model_error = held_out_errors(real, inputs=recipe.inputs, grid=recipe.method.grid, seed=seed)
 
+    def train(rows: Samples, weights: Float2D) -> Callable[[Samples], Float2D]:
+        return AxisModels.fit(rows, weights, choice=recipe.estimators, inputs=recipe.inputs, seed=seed).predict
 
-def refit(real: Samples, needed: Int1D, judgement: Judgement, machine: Machine, method: Method) -> Refit:
-    """Equations from the real rows on all equation bins that a needed bin touches."""
-    equations = fit_chosen(
-        real, touched(needed, method.sampling_grid, method.equation_grid), machine, judgement.choice,
-        grid=method.equation_grid, coverage=method.sampling_grid, blend=method.adaptive,
-    )  # fmt: skip
-    return Refit(equations, judgement)
-
-
-def touched(needed: Int1D, grid: Grid, finer: Grid) -> Int1D:
-    """Bins of `finer` that share any volume with the bins `needed` of `grid`."""
-    low, high = finer_index(grid.low(needed), finer), finer_index(np.nextafter(grid.high(needed), -np.inf), finer)
-    spans = [np.arange(int((high - low)[:, d].max(initial=0)) + 1) for d in range(3)]
-    steps = np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, 3)
-    index = low[:, None] + steps[None]
-    inside = (index <= high[:, None]).all(axis=2)
-    return np.unique(finer.id_of(index[inside]))
-
-
-def finer_index(points: Float2D, grid: Grid) -> np.ndarray:
-    """(n, 3) whole numbers of the bins that hold `points`."""
-    return grid.index(grid.ids(points))
+    return adapt(real, machine, recipe.method, train=train, model_error=model_error, rng=np.random.default_rng(seed))
 
 
 def balance(
-    real: Samples, needed: Int1D, fitted: Refit, method: Method, seed: int, planned: Samples | None = None
+    real: Samples, path: Samples, adaptation: Adaptation, machine: Machine, recipe: Recipe, seed: int
 ) -> Balanced:
-    """PiA and PiE rows for the needed bins. Same rows, same seed: same answer."""
-    generated, report = optimise(
-        real, needed, fitted.equations, method.share, method.sampling_grid,
-        rng=np.random.default_rng(seed), gate=method.gate, equation_error=fitted.judgement.choice.held_out,
-        model_error=fitted.judgement.model_error, planned=planned, nuisance=method.nuisance,
-    )  # fmt: skip
-    both = Samples.concat([real, generated]) if len(generated) else real
-    grid = method.sampling_grid
+    """PiA and PiE rows for the bins of a path. Same rows, same seed: same answer."""
+    found = balance_for(path, real, machine, recipe.method, adaptation, rng=np.random.default_rng(seed))
+    both = Samples.concat([real, found.generated]) if len(found.generated) else real
+    needed, grid = relevant(path, recipe), recipe.method.grid
     return Balanced(
-        needed, generated, report, evenness(real.reduced, needed, grid), evenness(both.reduced, needed, grid)
-    )
+        needed, found.generated, found.weights, found.equations, found.report,
+        evenness(real.reduced, needed, grid), evenness(both.reduced, needed, grid),
+    )  # fmt: skip
 
 
-def retrain(real: Samples, generated: Samples, variant: str, method: Method, seed: int) -> AxisModels:
-    """Four models on the rows that the variant allows."""
-    chosen = generated.take(np.isin(generated.origin, VARIANTS[variant]))
-    rows = Samples.concat([real, chosen]) if len(chosen) else real
-    return AxisModels.fit(rows, choice=method.estimators, inputs=method.inputs, seed=seed)
+def retrain(real: Samples, generated: Samples, weights: Float2D, variant: str, recipe: Recipe, seed: int) -> AxisModels:
+    """Four models on the rows that the variant allows, each with its weight in the loss (eq. 7)."""
+    chosen = np.isin(generated.origin, VARIANTS[variant])
+    rows = Samples.concat([real, generated.take(chosen)]) if chosen.any() else real
+    omega = np.vstack([np.full((len(real), 4), recipe.method.omega_data), weights[chosen]])
+    return AxisModels.fit(rows, omega, choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
 
 
 def evaluate(path: Samples, before: Samples, models: Mapping[str, AxisModels]) -> Evaluation:
     """What models and trivial rivals, all trained without it, said about the arriving part."""
     predicted = rivals(path, before) | {variant: model.predict(path) for variant, model in models.items()}
     return Evaluation(predicted, {name: metrics(path.currents, said) for name, said in predicted.items()})
+
+
+def words(adaptation: Adaptation) -> dict[str, str]:
+    """The chosen equation per axis, and whether generated rows had helped there on held-out parts."""
+    return {
+        axis: f"{near}; rows: {rule.pia.__name__}, {rule.pie.__name__}"
+        for axis, near, rule in zip(AXES, adaptation.choice.near, adaptation.shares, strict=True)
+    }
 
 
 def rivals(path: Samples, before: Samples) -> dict[str, Float2D]:

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from pido import config
-from pido.core.errors import PidoError, RecordingError, SettingsError, StoreError
+from pido.core.errors import PidoError, RecordingError, StoreError
 from pido.core.machining import Machine, Material
 from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.files.samples import load_samples, save_samples
-from pido.iteration import PAPER, Method
-from pido.preparation import Job, job_of, prepare
+from pido.iteration import Recipe
+from pido.preparation import job_of, prepare
 from pido.recordings import read_recording
 from pido.recordings.check import check, usable_mask
 from pido.recordings.faults import ERROR
@@ -121,18 +121,18 @@ def entry_of(workspace: Workspace, digest: str):
 
 
 def machine_of(workspace: Workspace, name: str) -> Machine:
-    """A machine by name, from the workspace's own file or as shipped."""
+    """A machine by name: as its job says, from the workspace's own file, or as shipped."""
+    job = workspace.job(name)
+    if job is not None:
+        return job.machine
     own = workspace.settings.machines_file
     return config.machine(name, None if own is None else workspace.root / own)
 
 
-def method_of(workspace: Workspace) -> Method:
-    """The method that the settings ask for: 'adaptive' (default) or 'paper'."""
-    wanted = dict(workspace.settings.method)
-    preset = wanted.pop("preset", "adaptive")
-    if preset not in ("adaptive", "paper") or wanted:
-        raise SettingsError(f"method: preset must be 'adaptive' or 'paper'; got {workspace.settings.method}.")
-    return PAPER if preset == "paper" else Method()
+def recipe_of(workspace: Workspace) -> Recipe:
+    """The method and the models that the settings ask for."""
+    method = workspace.settings.method
+    return Recipe(method.build(), method.estimators, method.inputs)
 
 
 def _read(path: Path, machine: str | None) -> Recording:
@@ -166,13 +166,8 @@ def _samples(workspace: Workspace, recording: Recording, digest: str) -> Samples
         recording = recording.with_columns(**blank)
     if recording.sample_rate_hz > 1.01 * settings.rate_hz:
         recording = resample(recording, settings.rate_hz)
-    file = workspace.job_file(recording.part.machine)
-    default = Job()
-    if file is not None:
-        found = config.load_job(file)
-        default = Job(found.material, found.tools, found.stock)
-    job = job_of(recording, default, _materials(workspace))
-    samples, notes = prepare(recording, machine, job, digest, air_cut=settings.air_cut, grid_mm=settings.grid_mm)
+    job = job_of(recording, workspace.job(recording.part.machine), machine, _materials(workspace))
+    samples, notes = prepare(recording, machine, job, digest, air_cut=settings.air_cut)
     for note in notes:
         log.info("%s: %s", recording.part.part, note)
     return replace(samples, part=np.full(len(samples), digest, dtype=object))

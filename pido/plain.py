@@ -18,11 +18,18 @@ Progress = Callable[[int, int, str], None]
 
 
 def run(
-    workspace: Workspace, paths: Sequence[Path], machine: str | None, progress: Progress, *, from_inbox: bool = False
+    workspace: Workspace,
+    paths: Sequence[Path],
+    machine: str | None,
+    progress: Progress,
+    *,
+    from_inbox: bool = False,
+    patient: bool = False,
 ) -> dict[str, Any]:
     """One iteration per part, in production order: {'done', 'rejected', 'fault'}.
 
     from_inbox : arrivals are moved away when they are done, or into the rejected area; else files stay where they are
+    patient : what cannot be read may still be on its way (a slow copy that paused): leave it for a later look
     """
     root = str(workspace.root)
     done: list[dict[str, Any]] = []
@@ -36,6 +43,8 @@ def run(
         except parts.Changed:
             continue  # seen again when it has come to rest
         except PidoError as error:
+            if patient:
+                continue
             parts.reject(workspace, path, str(error), move=from_inbox)
             rejected.append({"path": str(path), "reason": str(error)})
             continue

@@ -12,52 +12,45 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from pido.core.columns import FORCE_SIM
 from pido.core.errors import RecordingError, SettingsError
-from pido.core.machining import Machine, Material, Stock, Tool
+from pido.core.machining import Job, Machine, Material, Stock, Tool
 from pido.core.recording import Recording
 from pido.core.samples import Samples
+from pido.process.quantities import process_quantities
+from pido.process.samples import to_samples
 
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Job:
-    """What is cut with what. Each None where it is not known."""
-
-    material: Material | None = None
-    tools: Mapping[str, Tool] | None = None
-    stock: Stock | None = None
-
-
-def job_of(recording: Recording, default: Job, materials: Mapping[str, Material]) -> Job:
+def job_of(recording: Recording, default: Job | None, machine: Machine, materials: Mapping[str, Material]) -> Job:
     """The job of a part: what its part.json says, and the settings' job for what it does not say.
 
     Raises SettingsError for a material that no settings file defines.
     """
     info = recording.part
-    material = default.material
+    job = default or Job(machine, {})
     if info.material is not None:
         if info.material not in materials:
             raise SettingsError(
                 f"part {info.part}: material '{info.material}' is not known. Known: {', '.join(sorted(materials))}."
             )
-        material = materials[info.material]
-    tools = dict(default.tools or {})
+        job = replace(job, material=materials[info.material])
+    tools = dict(job.tools)
     for name, tool in info.tools.items():
         if tool.diameter_mm and tool.teeth:
             radius = tool.corner_radius_mm or 0.0
-            tools[name] = Tool(name, tool.diameter_mm, tool.teeth, "bull" if radius else "end", radius,
-                               mass_kg=tool.mass_kg)  # fmt: skip
-    return Job(material, tools or None, _stock(recording) or default.stock)
+            kind = "ball" if 2 * radius >= tool.diameter_mm else "bull" if radius else "end"
+            tools[name] = Tool(name, tool.diameter_mm, tool.teeth, kind, radius, mass_kg=tool.mass_kg)
+    return replace(job, tools=tools, stock=_stock(recording, machine) or job.stock)
 
 
 def prepare(
-    recording: Recording, machine: Machine, job: Job, part: str, *, air_cut: bool = False, grid_mm: float = 0.1
+    recording: Recording, machine: Machine, job: Job, part: str, *, air_cut: bool = False
 ) -> tuple[Samples, tuple[str, ...]]:
     """Rows of one part, and what was assumed.
 
@@ -67,13 +60,16 @@ def prepare(
     what was cut.
     """
     notes: list[str] = []
-    engaged_only = True
     if not all(c in recording for c in (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")):
         if job.material and job.tools and job.stock:
-            from pido.process.quantities import process_quantities
-
             recording = process_quantities(
-                recording, stock=job.stock, tools=job.tools, material=job.material, machine=machine, grid_mm=grid_mm
+                recording,
+                stock=job.stock,
+                tools=job.tools,
+                material=job.material,
+                machine=machine,
+                grid_mm=job.grid_mm,
+                teeth=job.teeth,
             )
             notes.append(f"forces and removal simulated along the recorded path: {job.material.name}, height map")
         elif air_cut:
@@ -81,7 +77,7 @@ def prepare(
             recording = recording.with_columns(**dict.fromkeys((*FORCE_SIM.values(), "m_sp_sim", "mrr_sim"), nothing))
             notes.append("taken as an air cut: no forces, no removal")
         else:
-            missing = [n for n in ("material", "tools", "stock") if not getattr(job, n)]
+            missing = [name for name in ("material", "tools", "stock") if not getattr(job, name)]
             raise SettingsError(
                 f"part {recording.part.part}: no process quantities were recorded, and {', '.join(missing)} "
                 f"{'is' if len(missing) == 1 else 'are'} not known. Say it in part.json or in a job file "
@@ -93,8 +89,6 @@ def prepare(
             f"part {recording.part.part}: no sample has the tool engaged. Check stock, tool and offsets of the job, "
             "or set air_cut = true if nothing was meant to be cut."
         )
-    from pido.process.samples import to_samples
-
     samples = to_samples(recording, machine, part, engaged_only=engaged_only)
     usable = (
         np.isfinite(samples.inputs).all(axis=1) & np.isfinite(samples.ar) & np.isfinite(samples.currents).any(axis=1)
@@ -107,13 +101,13 @@ def prepare(
     return samples, tuple(notes)
 
 
-def _stock(recording: Recording) -> Stock | None:
-    """The blank of part.json as a block in machine coordinates, if it is fully given (vertical axis z)."""
+def _stock(recording: Recording, machine: Machine) -> Stock | None:
+    """The blank of part.json as a block in machine coordinates, if it is fully given for a machine whose tool points
+    along z; other machines need a job file."""
     piece = recording.part.workpiece
-    if piece is None or piece.center_xy_mm is None or piece.top_z_mm is None:
+    if piece is None or piece.center_xy_mm is None or piece.top_z_mm is None or piece.blank_mm is None:
         return None
-    size = piece.blank_mm or (None if piece.size_xy_mm is None else (*piece.size_xy_mm, None))
-    if size is None or size[2] is None:
+    if machine.tool_axis != "z":
         return None
-    (cx, cy), (sx, sy, sz), top = piece.center_xy_mm, size, piece.top_z_mm
+    (cx, cy), (sx, sy, sz), top = piece.center_xy_mm, piece.blank_mm, piece.top_z_mm
     return Stock((cx - sx / 2, cy - sy / 2, top - sz), (cx + sx / 2, cy + sy / 2, top))

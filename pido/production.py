@@ -16,7 +16,6 @@ import logging
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -32,12 +31,13 @@ from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, Samples
 from pido.files import equations as equation_files
 from pido.files.samples import frame, load_samples, samples_digest, save_samples
-from pido.iteration import VARIANTS, Judgement, Method, Refit
+from pido.iteration import VARIANTS, Recipe
 from pido.models.axis_models import AxisModels
 from pido.models.inputs import NAMES, InputKind, model_inputs
 from pido.models.metrics import metrics
 from pido.models.promotion import gate
-from pido.parts import entry_of, ingest, machine_of, method_of, samples_of, samples_path
+from pido.parts import entry_of, ingest, machine_of, recipe_of, samples_of, samples_path
+from pido.sampling.method import Adaptation
 from pido.store import Store
 from pido.tracking import bundle, model_files, promotion
 from pido.tracking.ledger import Ledger
@@ -62,7 +62,7 @@ class _Place:
         except OSError:
             raise StoreError(f"{self.folder}: no such iteration is on its way; begin it first.") from None
         self.machine: Machine = machine_of(self.workspace, self.plan["machine"])
-        self.method: Method = method_of(self.workspace)
+        self.recipe: Recipe = recipe_of(self.workspace)
         self.seed = self.workspace.settings.seed
 
     def parts(self, which: str) -> list[str]:
@@ -74,22 +74,20 @@ class _Place:
         """The sets that this iteration fits: the first part has nothing before it."""
         return [ALL] if len(self.plan["parts"]) == 1 else [BEFORE, ALL]
 
-    def rows(self, which: str) -> Samples:
-        return iteration.training_rows({d: samples_of(self.workspace, d) for d in self.parts(which)})
+    def rows(self, which: str, count: int | None = None) -> Samples:
+        """Real rows of a set, of its first `count` parts in production order."""
+        return Samples.concat([samples_of(self.workspace, d) for d in self.parts(which)[:count]])
 
     def path(self, which: str) -> Samples:
         """The path that rows are balanced for: the arriving part's, or the newest part's."""
         return samples_of(self.workspace, self.plan["part"] if which == BEFORE else self.plan["parts"][-1])
 
-    def needed(self, which: str) -> np.ndarray:
-        with np.load(self.folder / "bins.npz") as file:
-            return file[which]
+    def adaptation(self, which: str) -> Adaptation:
+        return equation_files.load((self.folder / f"adaptation-{which}.npz").read_bytes(), self.machine)
 
-    def refit(self, which: str) -> Refit:
-        return Refit(
-            equation_files.load((self.folder / f"equations-{which}.npz").read_bytes(), self.machine),
-            equation_files.load((self.folder / f"judgement-{which}.npz").read_bytes(), self.machine),
-        )
+    def weights(self, which: str) -> np.ndarray:
+        """(n, 4): of the generated rows in the loss."""
+        return np.load(self.folder / f"weights-{which}.npy", allow_pickle=False)
 
     def generated(self, which: str) -> Samples:
         return load_samples(self.folder / f"generated-{which}.parquet")
@@ -156,37 +154,35 @@ def done(root: str, key: str) -> bool:
 @_stage
 def bins(place: _Place) -> None:
     """The bins that the arriving and the coming part need."""
-    needed = {which: iteration.relevant(place.path(which), place.method) for which in place.sets()}
-    buffer = io.BytesIO()
-    np.savez(buffer, **needed)  # type: ignore[arg-type]
-    write_atomically(place.folder / "bins.npz", buffer.getvalue())
+    for which in place.sets():
+        write_atomically(place.folder / f"bins-{which}.npy", _npy(iteration.relevant(place.path(which), place.recipe)))
 
 
 @_stage
 def refit(place: _Place) -> None:
-    """Equations for those bins. What held-out rows say about a set of parts is found once and kept."""
+    """Equations and share rules, judged on rows left out. What was found for a set of parts is kept."""
     for which in place.sets():
-        rows = place.rows(which)
-        key = place.workspace.run_key(place.plan["machine"], place.parts(which))
-        kept = place.workspace.derived / f"judgement-{key}.npz"
-        if kept.exists():
-            judgement: Judgement = equation_files.load(kept.read_bytes(), place.machine)
-        else:
-            judgement = iteration.judge(rows, place.machine, place.method, place.seed)
-            write_atomically(kept, equation_files.dump(judgement))
-        fitted = iteration.refit(rows, place.needed(which), judgement, place.machine, place.method)
-        write_atomically(place.folder / f"equations-{which}.npz", equation_files.dump(fitted.equations))
-        write_atomically(place.folder / f"judgement-{which}.npz", equation_files.dump(judgement))
+        count = iteration.rests_on(len(place.parts(which)))
+        key = place.workspace.run_key(place.plan["machine"], place.parts(which)[:count])
+        kept = place.workspace.derived / f"adaptation-{key}.npz"
+        if not kept.exists():
+            found = iteration.refit(place.rows(which, count), place.machine, place.recipe, place.seed)
+            write_atomically(kept, equation_files.dump(found))
+        write_atomically(place.folder / f"adaptation-{which}.npz", kept.read_bytes())
 
 
 @_stage
 def balance(place: _Place) -> None:
-    """PiA and PiE rows."""
+    """PiA and PiE rows, and the equations that they come from."""
     for which in place.sets():
         rows = place.rows(which)
-        found = iteration.balance(rows, place.needed(which), place.refit(which), place.method, place.seed)
+        found = iteration.balance(
+            rows, place.path(which), place.adaptation(which), place.machine, place.recipe, place.seed
+        )
         save_samples(found.generated, place.folder / f"generated-{which}.parquet")
-        centre, before, after = iteration.bins_before_and_after(found, rows, place.method.sampling_grid)
+        write_atomically(place.folder / f"weights-{which}.npy", _npy(found.weights))
+        write_atomically(place.folder / f"equations-{which}.npz", equation_files.dump(found.equations))
+        centre, before, after = iteration.bins_before_and_after(found, rows, place.recipe.method.grid)
         table = pd.DataFrame(centre, columns=["v_x", "v_y", "ar"]).assign(before=before, after=after)
         table.to_parquet(place.folder / f"table-{which}.parquet", index=False)
         place.write(
@@ -200,12 +196,15 @@ def balance(place: _Place) -> None:
 def retrain(place: _Place) -> None:
     """Models of before say what they expect of the arriving part; the challenger is trained on all parts."""
     if BEFORE in place.sets():
-        rows, generated, path = place.rows(BEFORE), place.generated(BEFORE), place.path(BEFORE)
+        rows, generated, weights = place.rows(BEFORE), place.generated(BEFORE), place.weights(BEFORE)
         said = {}
         for variant in VARIANTS if place.workspace.settings.compare else ("both",):
-            said[variant] = iteration.retrain(rows, generated, variant, place.method, place.seed).predict(path)
+            models = iteration.retrain(rows, generated, weights, variant, place.recipe, place.seed)
+            said[variant] = models.predict(place.path(BEFORE))
         _save_predictions(place.folder / "said.parquet", said)
-    models = iteration.retrain(place.rows(ALL), place.generated(ALL), "both", place.method, place.seed)
+    models = iteration.retrain(
+        place.rows(ALL), place.generated(ALL), place.weights(ALL), "both", place.recipe, place.seed
+    )
     for axis, model in models.models.items():
         write_atomically(place.folder / f"{axis}.skops", model_files.dump(model))
     place.write("models", {"digests": models.digests(), "inputs": models.inputs, "names": list(models.input_names)})
@@ -230,8 +229,9 @@ def publish(place: _Place) -> None:
     found, models = place.facts("evaluation"), place.facts("models")
     rows, generated = place.rows(ALL), place.generated(ALL)
     training = Samples.concat([rows, generated])
-    settings = {"method": asdict(place.method), "seed": place.seed, "rate_hz": workspace.settings.rate_hz,
-                "equations": place.refit(ALL).judgement.words}  # fmt: skip
+    settings = {"method": workspace.settings.method.model_dump(mode="json"), "seed": place.seed,
+                "rate_hz": workspace.settings.rate_hz,
+                "equations": iteration.words(place.adaptation(ALL))}  # fmt: skip
     equation = (place.folder / f"equations-{ALL}.npz").read_bytes()
     limits = {"inputs": {n: [float(v.min()), float(v.max())] for n, v in zip(INPUTS, rows.inputs.T, strict=True)},
               "rows": len(rows), "parts": len(plan["parts"])}  # fmt: skip
@@ -255,7 +255,7 @@ def publish(place: _Place) -> None:
         "machine": plan["machine"],
         "part": {"digest": plan["part"], "name": name},
         "parts": plan["parts"],
-        "settings": json.loads(json.dumps(settings, default=_readable)),
+        "settings": settings,
         "seed": place.seed,
         "code": code_version(),
         "bundle": made.digest,
@@ -402,5 +402,7 @@ def _example(rows: Samples, names: list[str]) -> bytes:
     return json.dumps({"columns": names, "index": list(range(len(few))), "data": few.tolist()}).encode()
 
 
-def _readable(value: Any) -> str:
-    return getattr(value, "__name__", None) or str(value)
+def _npy(values: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, values, allow_pickle=False)
+    return buffer.getvalue()

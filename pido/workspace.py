@@ -29,11 +29,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
 
 from pido import __version__
-from pido.config import parse, read_toml
+from pido.config import MethodSettings, load_job, parse, read_toml
 from pido.core.errors import SettingsError, StoreError
+from pido.core.machining import Job, MeshStock
 from pido.core.names import file_name
 
 _METHOD = ("core", "physics", "process", "recordings", "feature_space", "equations", "sampling", "models")
@@ -50,11 +51,10 @@ class WorkspaceSettings(BaseModel):
     )
     machines_file: Path | None = Field(default=None, description="TOML with further machines")
     materials_file: Path | None = Field(default=None, description="TOML with further materials")
-    method: dict[str, Any] = Field(default_factory=dict, description="settings of the method; see MethodSettings")
+    method: MethodSettings = Field(default_factory=MethodSettings, description="a table, or 'paper': as printed")
     seed: NonNegativeInt = Field(default=0, description="of everything that draws at random")
     rate_hz: PositiveFloat = Field(default=50.0, description="samples per second that the method works on, 1/s")
     air_cut: bool = Field(default=False, description="parts without process quantities were cut in air: no forces")
-    grid_mm: PositiveFloat = Field(default=0.1, description="cell of the height map, mm")
     compare: bool = Field(default=True, description="train real-only, +PiA and +PiE beside +both, to compare")
     gate_parts: PositiveInt = Field(default=5, description="most recent parts on which the gate compares")
     tracking_uri: str | None = Field(default=None, description="MLflow server; none: mlflow.db in the workspace")
@@ -63,6 +63,11 @@ class WorkspaceSettings(BaseModel):
     )
     settle_s: PositiveFloat = Field(default=2.0, description="an arriving file must stay unchanged this long, s")
     scan_s: PositiveFloat = Field(default=30.0, description="the inbox is looked through at least this often, s")
+
+    @field_validator("method", mode="before")
+    @classmethod
+    def _by_name(cls, value: Any) -> Any:
+        return MethodSettings.paper() if value == "paper" else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,25 +94,22 @@ class Workspace:
     def make(cls, root: Path | str, job: Path | None = None, **wanted: Any) -> Workspace:
         """The workspace at `root` under the settings `wanted`, which are written into it when it is new.
 
-        job : a job file for machine `wanted["machine"]`; it is copied into the workspace
+        job : a job file; it holds for all parts of the machine that it names
         One workspace has one set of settings: SettingsError where it is there already and says otherwise.
         """
         root = Path(root).absolute()
         given = {name: value for name, value in wanted.items() if value is not None}
-        file = root / "workspace.toml"
         if job is not None:
-            name = f"jobs/{file_name(given['machine'])}.toml"
-            given["jobs"] = {given["machine"]: name}
+            machine = load_job(job).machine.id
+            given |= {"machine": given.get("machine", machine), "jobs": {machine: job.absolute()}}
+        file = root / "workspace.toml"
         if file.exists() or (root / "ledger.db").exists():
             here = cls.open(root)
             for name, value in given.items():
                 says = getattr(here.settings, name)
                 if name == "jobs":
-                    (machine, place), says = next(iter(value.items())), says
-                    same = machine in says and (root / place).read_bytes() == Path(str(job)).read_bytes()
-                else:
-                    same = says == value
-                if not same:
+                    says = {machine: root / path for machine, path in says.items() if machine in value}
+                if says != value:
                     raise SettingsError(
                         f"{file}: {name} is {says!r} in this workspace, not {value!r}. Change it there, for all its "
                         "parts, or use another workspace."
@@ -117,9 +119,7 @@ class Workspace:
             parse(WorkspaceSettings, given, str(root))
             jobs = given.pop("jobs", {})
             lines = [f"{name} = {json.dumps(value)}" for name, value in given.items()]
-            lines += ["[jobs]", *(f"{json.dumps(m)} = {json.dumps(p)}" for m, p in jobs.items())] if jobs else []
-            for place in jobs.values():
-                write_atomically(root / place, Path(str(job)).read_bytes())
+            lines += ["[jobs]", *(f"{json.dumps(m)} = {json.dumps(str(p))}" for m, p in jobs.items())] if jobs else []
             write_atomically(file, "\n".join(lines) + "\n")
         return cls.open(root)
 
@@ -169,21 +169,24 @@ class Workspace:
         named = self.settings.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
         return named or f"sqlite:///{self.root / 'mlflow.db'}"
 
-    def job_file(self, machine: str) -> Path | None:
-        """The job for parts of `machine` that do not say themselves what is cut, or None."""
-        job = self.settings.jobs.get(machine)
-        return None if job is None else (self.root / job)
+    def job(self, machine: str) -> Job | None:
+        """What is cut with what on `machine` where a part does not say it itself, or None."""
+        file = self.settings.jobs.get(machine)
+        return None if file is None else load_job(self.root / file)
 
     def settings_digest(self, machine: str) -> str:
-        """Of all settings that decide a training set or a model of `machine`: method, rate, job and machine files."""
+        """Of the settings that decide training sets and models of `machine`: method, rates, job, materials."""
         s = self.settings
-        own = [s.machines_file, s.materials_file, s.jobs.get(machine)]
+        own = [s.machines_file, s.materials_file]
+        job = self.job(machine)
+        if job is not None and isinstance(job.stock, MeshStock):
+            own.append(Path(job.stock.path))
         return digest_of(
             {
-                "method": s.method,
+                "method": s.method.model_dump(mode="json"),
                 "rate_hz": s.rate_hz,
                 "air_cut": s.air_cut,
-                "grid_mm": s.grid_mm,
+                "job": repr(job),
                 "files": [hashlib.sha256((self.root / f).read_bytes()).hexdigest() if f else None for f in own],
             }
         )
@@ -199,6 +202,14 @@ class Workspace:
                 "code": code_version(),
             }
         )
+
+    def locked(self, name: str) -> bool:
+        """Whether a living process holds the lock `name`."""
+        try:
+            with self.lock(name, timeout_s=0.0):
+                return False
+        except StoreError:
+            return True
 
     @contextmanager
     def lock(self, machine: str, timeout_s: float | None = None) -> Iterator[None]:

@@ -39,12 +39,10 @@ def command(
 
     \b
     pido iterate parts/p01 parts/p02 --workspace plant
-    pido iterate capture.json --machine dmc60h --job jobs/gear.toml --workspace plant
+    pido iterate capture.json --job jobs/gear.toml --workspace plant
     """
     from pido.workspace import Workspace
 
-    if job and not machine:
-        raise click.UsageError("--job needs --machine: a job belongs to a machine.")
     workspace = Workspace.make(folder, job=job, machine=machine, air_cut=air_cut, seed=seed)
     waiting = [path for path in paths if not _known(workspace, path)]
     if paths and not waiting:

@@ -1,6 +1,6 @@
 """Fitted equations, and what they rest on, as bytes and back, bit for bit: one .npz file, no pickle.
 
-In:  `AxisEquations` or `Judgement`. Out: bytes, and back. The same values give the same bytes.
+In:  `AxisEquations` or `Adaptation`. Out: bytes, and back. The same values give the same bytes.
 
 The file holds plain arrays and a header that says which of a closed list of value classes they are fields of. The
 machine and accepted physics (extra terms) are not in it: they are given when it is read, and must be those of the fit.
@@ -24,14 +24,26 @@ from pido.equations.terms import CONSTANT, ExtraTerm, TermSet, term_set
 from pido.equations.weights import Kernel
 from pido.feature_space.grid import Grid
 from pido.feature_space.regional import HeldOut
-from pido.iteration import Judgement
+from pido.sampling.method import Adaptation
+from pido.sampling.shares import SHARES, ShareRule
 
 Extras = Sequence[tuple[ExtraTerm, int]]
-_VALUES = (AxisEquations, LocalEquations, GlobalEquation, Judgement, Choice, Candidate, Kernel, Grid, HeldOut)
+_VALUES = (
+    AxisEquations,
+    LocalEquations,
+    GlobalEquation,
+    Adaptation,
+    Choice,
+    Candidate,
+    Kernel,
+    Grid,
+    HeldOut,
+    ShareRule,
+)
 _CLASSES: dict[str, Any] = {c.__name__: c for c in _VALUES}
 
 
-def dump(value: AxisEquations | Judgement) -> bytes:
+def dump(value: AxisEquations | Adaptation) -> bytes:
     """All of it; a value that several fields share is written once and shared again when it is read."""
     arrays: list[np.ndarray] = []
     seen: dict[int, int] = {}
@@ -49,6 +61,10 @@ def dump(value: AxisEquations | Judgement) -> bytes:
             return {"n": number, "array": len(arrays) - 1}
         if isinstance(item, tuple | list):
             return {"n": number, "tuple": [encode(i) for i in item]}
+        if isinstance(item, dict):
+            return {"n": number, "dict": [[encode(k), encode(v)] for k, v in item.items()]}
+        if callable(item) and item in SHARES.values():
+            return {"n": number, "share": next(name for name, share in SHARES.items() if share is item)}
         if isinstance(item, TermSet):
             return {"n": number, "terms": item.id, "names": list(item.names)}
         if isinstance(item, Machine):
@@ -79,6 +95,10 @@ def load(data: bytes, machine: Machine, extras: Extras = ()) -> Any:
             value = arrays[f"array_{item['array']}"]
         elif "tuple" in item:
             value = tuple(decode(i) for i in item["tuple"])
+        elif "dict" in item:
+            value = {decode(k): decode(v) for k, v in item["dict"]}
+        elif "share" in item:
+            value = SHARES[item["share"]]
         elif "terms" in item:
             value = _terms(item["terms"], item["names"], extras)
         elif "machine" in item:

@@ -71,6 +71,15 @@ def _trace(trace: pd.DataFrame) -> Figure:
     return figure
 
 
+def markdown(metrics: dict[str, dict[str, dict[str, float]]]) -> list[str]:
+    """`table` as lines of Markdown; a measure that is not defined (R² of a constant current) is a dash."""
+    lines = ["| axis | trained on | RMSE in A | R² |", "|---|---|---|---|"]
+    for row in table(metrics):
+        r2 = "–" if row.get("r2") is None else f"{row['r2']:.3f}"
+        lines.append(f"| {row['axis']} | {row['trained on']} | {row['rmse']:.4g} | {r2} |")
+    return lines
+
+
 def table(metrics: dict[str, dict[str, dict[str, float]]]) -> list[dict[str, Any]]:
     """One row per axis and variant with its measures, in the order in which they are read."""
     return [

@@ -22,7 +22,7 @@ from pido.core.axes import AXES
 from pido.core.columns import CURRENT
 from pido.tracking import model_files, report_files
 from pido.tracking.bundle import Bundle, load
-from pido.tracking.figures import figures, table
+from pido.tracking.figures import figures, markdown, table
 from pido.tracking.ledger import Iteration, Ledger
 from pido.tracking.mirror import reconcile
 from pido.tracking.mlflow_store import client, experiment, model_names
@@ -210,9 +210,6 @@ def _note(summary: dict[str, Any], version: int) -> str:
         f"**Version {version}** after part *{summary['part']['name'].replace('*', '')}*, trained on "
         f"{len(summary['parts'])} part(s). Gate: {summary['gate'].get('words', '')}",
         "",
-        "| axis | trained on | RMSE in A | R² |",
-        "|---|---|---|---|",
+        *markdown(summary["metrics"]),
     ]
-    for row in table(summary["metrics"]):
-        lines.append(f"| {row['axis']} | {row['trained on']} | {row['rmse']:.4g} | {row.get('r2', float('nan')):.3f} |")
     return "\n".join(lines)

@@ -5,6 +5,7 @@ In:  a workspace. Out: a client on a database whose tables are there.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,6 +33,7 @@ def client(workspace: Workspace) -> Iterator[MlflowClient]:
     """
     import mlflow
 
+    logging.getLogger("mlflow").setLevel(logging.WARNING)  # it tells of every table that it makes
     uri = workspace.tracking_uri
     mlflow.set_tracking_uri(uri)
     mlflow.set_registry_uri(uri)

@@ -1,0 +1,118 @@
+"""`pido watch`: see parts arrive in an inbox and run an iteration for each."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pido.cli.places import workspace_option
+
+if TYPE_CHECKING:
+    from pido.arrivals import Arrived
+    from pido.workspace import Workspace
+
+log = logging.getLogger(__name__)
+BEAT_S = 10.0
+
+
+@click.command()
+@click.argument("inbox", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@workspace_option
+@click.option("--machine", default=None, help="machine of recordings that do not name theirs")
+@click.option("--prefect", is_flag=True, help="run each part as a flow on the Prefect server (PREFECT_API_URL)")
+@click.option("--once", is_flag=True, help="take what has arrived, then end")
+def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once: bool) -> None:
+    """Files and folders that appear in INBOX, by rename, slow copy or upload, each go through one iteration.
+
+    What came while nobody watched is found at the start. A part that arrives twice counts once. What cannot be used
+    goes to the rejected area with its reason. Parts of one machine are done one after another, in production order.
+
+    \b
+    pido watch plant/inbox --workspace plant
+    pido watch plant/inbox --workspace plant --once
+    """
+    from pido.arrivals import Inbox
+    from pido.workspace import Workspace
+
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    workspace = Workspace.open(folder)
+    take = _through_prefect(workspace, machine) if prefect else _in_this_process(workspace, machine)
+    watched = Inbox(inbox, workspace.settings.settle_s)
+    stirred = threading.Event()
+    _beat(workspace.root / "watcher.alive")
+    if not once:
+        _listen(inbox, stirred)
+    while True:
+        stirred.clear()
+        arrived, waiting = watched.look()
+        take(arrived)
+        if once and not waiting:
+            return
+        stirred.wait(min(workspace.settings.settle_s, 1.0) if waiting else workspace.settings.scan_s)
+
+
+def _in_this_process(workspace: Workspace, machine: str | None) -> Callable[[list[Arrived]], None]:
+    from pido.plain import run
+
+    grace = 5 * workspace.settings.settle_s
+
+    def take(arrived: list[Arrived]) -> None:
+        for one in arrived:
+            answer = run(
+                workspace, [one.path], machine, lambda done, total, what: None, from_inbox=one.quiet_s >= grace
+            )
+            for done in answer["done"]:
+                log.info("%s: version %d of %s", one.path.name, done["version"], done["machine"])
+            for refused in answer["rejected"]:
+                log.warning("%s", refused["reason"])
+
+    return take
+
+
+def _silent(done: int, total: int, what: str) -> None:
+    """Nobody watches a watcher's progress: its log says what was done."""
+
+
+def _through_prefect(workspace: Workspace, machine: str | None) -> Callable[[list[Arrived]], None]:
+    from flows.submit import submit, sweep
+
+    swept = [0.0]
+
+    def take(arrived: list[Arrived]) -> None:
+        # A server that is away for a while is no reason to stop watching: what has arrived is still there.
+        try:
+            for one in arrived:
+                submit(str(workspace.root), str(one.path), one.digest, machine)
+            if time.monotonic() - swept[0] > 60.0:
+                swept[0] = time.monotonic()
+                sweep(workspace)
+        except (OSError, RuntimeError) as error:
+            log.warning("Prefect cannot be reached (%s); asked again with the next look", error)
+
+    return take
+
+
+def _listen(inbox: Path, stirred: threading.Event) -> None:
+    """Look at once when something stirs; where the system tells nothing (network folders), the timer does it."""
+    from watchfiles import watch
+
+    def wait_for_changes() -> None:
+        for _ in watch(inbox, recursive=True, step=200, rust_timeout=5000, yield_on_timeout=False):
+            stirred.set()
+
+    threading.Thread(target=wait_for_changes, daemon=True).start()
+
+
+def _beat(path: Path) -> None:
+    def beat() -> None:
+        while True:
+            path.touch()
+            time.sleep(BEAT_S)
+
+    threading.Thread(target=beat, daemon=True).start()
