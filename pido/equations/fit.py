@@ -23,7 +23,7 @@ from pido.equations.moments import Moments
 from pido.equations.rows import patterns, products, stack, total, width
 from pido.equations.solve import Solution, excited, solve
 from pido.equations.terms import PAPER, TermSet
-from pido.equations.weights import PAPER_KERNELS, Kernel, WeightedSums, weighted_sums
+from pido.equations.weights import PAPER_KERNELS, Kernel, WeightedSums, in_threads, weighted_sums
 from pido.feature_space.density import locate
 from pido.feature_space.grid import EQUATION_GRID, Grid
 
@@ -321,23 +321,26 @@ class _Cells(_Evidence):
         return (self._sums if which is None else self._sums[which]).sum(axis=0)
 
 
-@numba.njit(nogil=True, cache=True, parallel=True)
 def _dot(design: Float2D, coefficients: Float2D, at: Int1D) -> Float1D:
-    out = np.empty(len(design))
-    for r in numba.prange(len(design)):
-        s = 0.0
-        for j in range(design.shape[1]):
-            s += design[r, j] * coefficients[at[r], j]
-        out[r] = s
+    """x . c of each row under the coefficients of its bin."""
+    return np.einsum("rj,rj->r", design, coefficients[at])
+
+
+def _quadratic(design: Float2D, factor: Float3D, at: Int1D) -> Float1D:
+    """|F x|² of each row under the factor of its bin."""
+    out, half = np.empty(len(design)), -(-len(design) // 2)
+    in_threads(
+        lambda rows: _squares(design[rows], factor, at[rows], out[rows]),
+        [slice(0, half), slice(half, None)],
+        size=10 * design.size * design.shape[1],
+    )
     return out
 
 
-@numba.njit(nogil=True, cache=True, parallel=True)
-def _quadratic(design: Float2D, factor: Float3D, at: Int1D) -> Float1D:
-    """|F x|² of each row under the factor of its bin."""
-    out = np.empty(len(design))
+@numba.njit(nogil=True, cache=True)
+def _squares(design: Float2D, factor: Float3D, at: Int1D, out: Float1D) -> None:
     p = design.shape[1]
-    for r in numba.prange(len(design)):
+    for r in range(len(design)):
         f, total_square = factor[at[r]], 0.0
         for i in range(p):
             s = 0.0
@@ -345,7 +348,6 @@ def _quadratic(design: Float2D, factor: Float3D, at: Int1D) -> Float1D:
                 s += f[i, j] * design[r, j]
             total_square += s * s
         out[r] = total_square
-    return out
 
 
 def usable(samples: Samples) -> Bool1D:

@@ -17,7 +17,7 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D, Float2D, Float3D, Int1D
 from pido.equations.rows import unpack
-from pido.equations.weights import WeightedSums
+from pido.equations.weights import WeightedSums, in_threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,14 @@ def solve(
     # kept columns first: their part of the factor solves the fit, and the whole of it is the leverage, so that a row
     # which moves a column that no sample moved has next to no support
     columns = np.r_[np.flatnonzero(keep), np.flatnonzero(~keep)]
-    _solve(gram, right, ridge, columns, int(keep.sum()), coefficients, factor, rank)
+    half = -(-len(gram) // 2)
+    in_threads(
+        lambda rows: _solve(
+            gram[rows], right[rows], ridge, columns, int(keep.sum()), coefficients[rows], factor[rows], rank[rows]
+        ),
+        [slice(0, half), slice(half, None)],
+        size=len(gram) * p**3,
+    )
     effective = weighted.total**2 / weighted.squared
     fitted = np.matmul(coefficients, gram)
     residual = square - 2 * (coefficients * right).sum(axis=2) + (coefficients * fitted).sum(axis=2)
@@ -76,10 +83,10 @@ def solve(
     return Solution(coefficients, factor, rank, effective, noise, moved)
 
 
-@numba.njit(nogil=True, cache=True, parallel=True)
+@numba.njit(nogil=True, cache=True)
 def _solve(gram, right, ridge, columns, kept, coefficients, factor, rank):
     m, axes = len(columns), right.shape[1]
-    for b in numba.prange(gram.shape[0]):
+    for b in range(gram.shape[0]):
         # equilibrated to a unit diagonal: pivots are then shares of a column that the columns before do not explain
         d, low = np.empty(m), np.zeros((m, m))
         for i in range(m):

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numba
 import numpy as np
@@ -17,6 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.errors import FitError
+
+T = TypeVar("T")
 
 ROWS, BINS = 2048, 256  # a tile of weights is 4 MiB: it is made, used and overwritten inside the cache
 
@@ -102,9 +105,19 @@ def weighted_sums(
                 np.matmul(w, block, out=product[: high - low])
                 result.sums[low:high] += product[: high - low]
 
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(workers) as pool:
-        list(pool.map(work, [tiles[k::workers] for k in range(workers)]))
+    in_threads(work, [tiles[k::workers] for k in range(workers)], size=b * len(points) * width)
     return _add_share(result, points, counts, rows, kernel.beta)
+
+
+def in_threads(work: Callable[[T], None], shares: list[T], size: int) -> None:
+    """`work` on each share, at once where the task is large (`size` operations). Threads and the look at BLAS cost some
+    milliseconds, and far more on a busy machine: small tasks run where they are."""
+    if size < 1e8 or len(shares) == 1:
+        for share in shares:
+            work(share)
+        return
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(len(shares)) as pool:
+        list(pool.map(work, shares))
 
 
 def _add_share(

@@ -81,6 +81,18 @@ def folds(samples: Samples, count: int = 6) -> Int1D:
     return result
 
 
+def interleaved(samples: Samples, count: int = 3, blocks: int = 24) -> Int1D:
+    """(n,): every part cut into `blocks` stretches that take turns: what is left out has neighbours on both sides, as a
+    part does that goes where others have been."""
+    result = np.zeros(len(samples), np.int64)
+    names, part = np.unique(samples.part.astype(str), return_inverse=True)
+    for p in range(len(names)):
+        rows = np.flatnonzero(part == p)
+        order = rows[np.argsort(samples.row[rows], kind="stable")]
+        result[order] = np.arange(len(order)) * blocks // max(len(order), 1) % count
+    return result
+
+
 def sectors(samples: Samples, count: int = 8) -> Int1D:
     """(n,): direction of motion in the plane of v_x and v_y, one of `count` sectors; rows at rest are -1. Leaving one
     sector out of a fit shows what the fit is worth in a direction that no part has taken yet."""

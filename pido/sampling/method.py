@@ -26,7 +26,7 @@ from pido.equations.choose import PAPER_CHOICE, AxisEquations, Choice, candidate
 from pido.equations.terms import TermSet
 from pido.feature_space.density import relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid, touched
-from pido.feature_space.regional import HeldOut, folds, sectors
+from pido.feature_space.regional import HeldOut, folds, interleaved
 from pido.sampling.gate import OPEN, Gate
 from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
@@ -178,8 +178,8 @@ def _proven(
 ) -> Adaptation:
     """Play the arrival of a part with rows at hand: leave a stretch or direction out, balance for it, see who wins."""
     rules = {"as set": method.share, "fill": replace(method.share, pia=nothing, pie=fill)}
-    # three of each kind: every one costs a model per rule
-    plays = [(folds(real, 3), k) for k in range(3)] + [(sectors(real, 6), k) for k in (0, 2, 4)]
+    # parts that go where others have been, and parts (or stretches) that may not: every play costs a model per rule
+    plays = [(interleaved(real), k) for k in range(3)] + [(folds(real, 3), k) for k in range(3)]
     change: dict[str, list[np.ndarray]] = {name: [] for name in rules}
     for fold, k in plays:
         out = fold == k
@@ -206,10 +206,9 @@ def _proven(
             own = values[np.isfinite(values[:, i]), i]
             if len(own) < 3:
                 continue
-            # only what helps by a percent and by more than the scatter between the plays: nothing is the plainest rule
-            mean, error = float(own.mean()), float(own.std(ddof=1)) / np.sqrt(len(own))
-            if mean < min(best, -0.01) and mean + 1.5 * error < 0:
-                best, rule = mean, rules[name]
+            # what helps on the whole and hurts much in no play; doing nothing is the plainest rule
+            if own.mean() < min(best, -0.01) and own.max() <= 0.05:
+                best, rule = float(own.mean()), rules[name]
         shares.append(rule)
         log.info("%s: generated rows %s (%+.1f %% held-out RMSE)", axis, "none" if rule is none else "used", 100 * best)
     gain = {name: tuple(np.nan_to_num(values.mean(axis=0)).tolist()) for name, values in table.items() if len(values)}
