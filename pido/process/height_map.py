@@ -9,7 +9,7 @@ A map holds one height per cell: undercuts below an overhang count as solid. Eve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ class HeightMap:
     bottom : mm – w of the raw part's underside
     cell_mm : edge of a cell
     tool_axis : machine axis along which the tool points
+    ceiling : highest `top` of the uncut part, mm; nothing above it needs a look
     """
 
     cells: NDArray[np.float32]
@@ -43,15 +44,20 @@ class HeightMap:
     bottom: float
     cell_mm: float
     tool_axis: str = "z"
+    ceiling: float = field(default=-1.0)
+
+    def __post_init__(self) -> None:
+        if self.ceiling < 0:
+            self.ceiling = float(self.cells[..., TOP].max(initial=0.0))
 
     def copy(self) -> HeightMap:
         """A map that can be cut without changing this one."""
-        return HeightMap(self.cells.copy(), self.corner.copy(), self.bottom, self.cell_mm, self.tool_axis)
+        return HeightMap(self.cells.copy(), self.corner.copy(), self.bottom, self.cell_mm, self.tool_axis, self.ceiling)
 
     @property
     def top(self) -> float:
-        """Highest w of the part, mm."""
-        return self.bottom + float(self.cells[..., TOP].max(initial=0.0))
+        """Highest w of the uncut part, mm."""
+        return self.bottom + self.ceiling
 
     @property
     def volume(self) -> float:

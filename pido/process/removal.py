@@ -18,7 +18,7 @@ from pido.core.machining import MeshStock, Stock, Tool
 from pido.physics.frames import to_tool_frame
 from pido.process.engagement import tool_shape
 from pido.process.height_map import DEFAULT_GRID_MM, HeightMap, block, mesh
-from pido.process.sweep import TOP, sweep
+from pido.process.sweep import sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def remove(part: HeightMap, positions: Float2D, tool_index: Int1D, tools: tuple[
     out = np.zeros((len(uvw), 4))
     sweep(
         part.cells,
-        float(part.cells[..., TOP].max(initial=0.0)),
+        part.ceiling,
         uvw,
         np.asarray(tool_index, np.int64),
         np.array([tool.diameter_mm / 2 / cell for tool in tools] or [0.0]),

@@ -1,0 +1,135 @@
+"""Stock removal beside a height map in numpy and a voxel map, one core, alternately in one run, medians of five.
+
+In:  nothing; a 10 mm end mill cuts a slot through 150 x 75 x 50 mm at 9.6 mm/s and 50 Hz, cell 0.1 mm.
+Out: rows {work, peer, ratio, goal, error}: ratio is the peer's time per step over ours; error the largest relative
+     error of our removal rate in any step, against the closed form.
+
+The peers do what is usual: at each step all cells under the tool's disc are lowered (numpy), or all voxels inside the
+tool are cleared and counted (compiled). `python -m benchmarks.removal` prints the rows, and what a coarser grid costs.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from pido.core.machining import Stock, Tool
+from pido.process.height_map import block
+from pido.process.removal import remove
+
+STOCK = Stock((0.0, 0.0, -50.0), (150.0, 75.0, 0.0))
+TOOL = Tool("end mill", 10.0, 4)
+STEP_MM, DEPTH = 0.192, 6.0
+
+
+def run(steps: int = 400, cell: float = 0.1, repeats: int = 5) -> list[dict[str, Any]]:
+    """Every line of the table."""
+    points = _slot(steps)
+    peers: dict[str, tuple[Callable[[], float], float]] = {
+        "numpy height map": (_numpy_map(cell, points[:60]), 100.0),
+        "voxels, compiled": (_voxels(cell, points[:20]), 500.0),
+    }
+    ours = _ours(cell, points)
+    ours()
+    for peer, _ in peers.values():
+        peer()
+    times: dict[str, list[float]] = {name: [] for name in ("ours", *peers)}
+    for _ in range(repeats):
+        times["ours"].append(ours())
+        for name, (peer, _) in peers.items():
+            times[name].append(peer())
+    mine = statistics.median(times["ours"])
+    work = f"removal, {cell:g} mm, {mine * 1e6:.2f} us per 20 ms step"
+    rows = [
+        {
+            "work": work,
+            "peer": name,
+            "ratio": statistics.median(times[name]) / mine,
+            "goal": goal,
+            "error": _error(cell),
+        }
+        for name, (_, goal) in peers.items()
+    ]
+    return [*rows, {"work": work, "peer": "2 us per step", "ratio": 2e-6 / mine, "goal": 1.0, "error": _error(cell)}]
+
+
+def _slot(steps: int) -> np.ndarray:
+    x = 20.0 + STEP_MM * np.arange(steps)
+    return np.c_[x, np.full(steps, 37.03), np.full(steps, -DEPTH)]
+
+
+def _ours(cell: float, points: np.ndarray) -> Callable[[], float]:
+    fresh, index = block(STOCK, cell), np.zeros(len(points), np.int64)
+
+    def once() -> float:
+        part = fresh.copy()
+        begin = time.perf_counter()
+        remove(part, points, index, (TOOL,))
+        return (time.perf_counter() - begin) / len(points)
+
+    return once
+
+
+def _error(cell: float) -> float:
+    """Largest relative error of a single step's volume once the tool is in full cut."""
+    points = _slot(300)
+    volume = remove(block(STOCK, cell), points, np.zeros(300, np.int64), (TOOL,)).volume[100:]
+    return float(np.abs(volume / (TOOL.diameter_mm * DEPTH * STEP_MM) - 1).max())
+
+
+def _numpy_map(cell: float, points: np.ndarray) -> Callable[[], float]:
+    radius = TOOL.diameter_mm / 2
+    x, y = (np.arange(n) * cell + cell / 2 for n in (round(150 / cell), round(75 / cell)))
+
+    def once() -> float:
+        heights = np.zeros((len(x), len(y)))
+        begin = time.perf_counter()
+        for u, v, w in points:
+            i, j = (slice(int((c - radius) / cell), int((c + radius) / cell) + 2) for c in (u, v))
+            window = heights[i, j]
+            under = (x[i, None] - u) ** 2 + (y[None, j] - v) ** 2 <= radius**2
+            removed = np.where(under, np.maximum(window - w, 0.0), 0.0)
+            removed.sum()
+            window -= removed
+        return (time.perf_counter() - begin) / len(points)
+
+    return once
+
+
+def _voxels(cell: float, points: np.ndarray) -> Callable[[], float]:
+    shape = (round(60 / cell), round(75 / cell), round(10 / cell))  # the part of the block that these steps reach
+    local = (points - (0.0, 0.0, -10.0)) / cell
+
+    def once() -> float:
+        solid = np.ones(shape, np.uint8)
+        begin = time.perf_counter()
+        _clear(solid, local, TOOL.diameter_mm / 2 / cell)
+        return (time.perf_counter() - begin) / len(points)
+
+    return once
+
+
+@njit(cache=True)
+def _clear(solid, points, radius):
+    removed = 0
+    for n in range(len(points)):
+        u, v, w = points[n]
+        for i in range(max(int(u - radius), 0), min(int(u + radius) + 2, solid.shape[0])):
+            for j in range(max(int(v - radius), 0), min(int(v + radius) + 2, solid.shape[1])):
+                if (i + 0.5 - u) ** 2 + (j + 0.5 - v) ** 2 <= radius * radius:
+                    for k in range(max(int(np.ceil(w - 0.5)), 0), solid.shape[2]):
+                        removed += solid[i, j, k]
+                        solid[i, j, k] = 0
+    return removed
+
+
+if __name__ == "__main__":
+    for grid in (0.1, 0.25, 0.5):
+        for row in run(cell=grid):
+            told = f"{row['ratio']:>9.1f}x  (goal {row['goal']:g})  error {row['error']:.1e}"
+            print(f"{row['work']:<48}{row['peer']:<20}{told}")

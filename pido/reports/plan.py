@@ -1,0 +1,107 @@
+"""The page of a plan: which bins the coming part needs, what is known there, and what PiDO would generate.
+
+In:  `sampling.optimise.Report`, the grid, the summary of the simulated part.
+Out: `Page`, and the same numbers as rows of a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource
+from bokeh.transform import linear_cmap
+
+from pido.feature_space.grid import Grid
+from pido.reports.page import Page, Section, Table, number, signal_figure
+from pido.sampling.optimise import Report
+
+
+def plan_rows(report: Report, grid: Grid, visits: np.ndarray) -> list[dict[str, float]]:
+    """One row per relevant bin, the most visited first.
+
+    visits : (b,) – samples of the coming part in each bin of the report
+    """
+    centres = grid.centres(report.bins)
+    order = np.lexsort((report.bins, -visits))
+    return [
+        {
+            "v_x": float(centres[b, 0]),
+            "v_y": float(centres[b, 1]),
+            "ar": float(centres[b, 2]),
+            "coming": int(visits[b]),
+            "real": int(report.real[b]),
+            "pia": int(report.pia[b]),
+            "pie": int(report.pie[b]),
+        }
+        for b in order
+    ]
+
+
+def plan_figures(rows: list[dict[str, float]]) -> dict[str, Any]:
+    """What a person asks first: how many bins, how many are empty, how much of the part runs in known bins."""
+    coming = sum(row["coming"] for row in rows)
+    known = sum(row["coming"] for row in rows if row["real"] > 0)
+    return {
+        "relevant_bins": len(rows),
+        "bins_without_real_samples": sum(row["real"] == 0 for row in rows),
+        "share_of_the_part_in_known_bins": known / coming if coming else 0.0,
+        "real_samples_in_them": sum(row["real"] for row in rows),
+        "pia_would_generate": sum(row["pia"] for row in rows),
+        "pie_would_generate": sum(row["pie"] for row in rows),
+    }
+
+
+def plan_page(part: str, rows: list[dict[str, float]], refused: str, summary: Mapping[str, Any]) -> Page:
+    """The plan of one part."""
+    figures = plan_figures(rows)
+    verdict = (
+        f"{figures['relevant_bins']} relevant bins, {figures['bins_without_real_samples']} without a real sample; "
+        f"{figures['share_of_the_part_in_known_bins']:.0%} of the part runs where something is known."
+    )
+    plots = [
+        _map("Real samples per bin, over all AR", rows, "real"),
+        _map("What PiDO would generate (PiA + PiE)", rows, "generated"),
+    ]
+    table = Table(
+        ["v_x, mm/s", "v_y, mm/s", "AR, mm²", "coming", "real", "PiA", "PiE"],
+        [
+            [number(r["v_x"]), number(r["v_y"]), number(r["ar"]), r["coming"], r["real"], r["pia"], r["pie"]]
+            for r in rows
+        ],
+    )
+    about = Table(["of the simulated part", ""], [[k.replace("_", " "), _shown(v)] for k, v in summary.items()])
+    return Page(
+        title=f"Plan of part {part}",
+        verdict=verdict,
+        sections=[
+            Section("Where", figures=plots),
+            Section("The coming part", table=about),
+            Section("What the gate refused", text=refused.splitlines(), folded=True),
+            Section("Every bin", table=table, folded=True),
+        ],
+    )
+
+
+def _map(title: str, rows: list[dict[str, float]], what: str):
+    """Bins in the plane of v_x and v_y, coloured by how many samples; AR summed over."""
+    sums: dict[tuple[float, float], float] = {}
+    for row in rows:
+        key = (row["v_x"], row["v_y"])
+        value = row["pia"] + row["pie"] if what == "generated" else row[what]
+        sums[key] = sums.get(key, 0.0) + value
+    plot = signal_figure(title, "v_x, mm/s", "v_y, mm/s", 360)
+    places = np.array(list(sums) or [(0.0, 0.0)])
+    steps = np.diff(np.unique(places.ravel()))
+    width = float(steps.min()) if len(steps) else 1.0
+    source = ColumnDataSource({"x": places[:, 0], "y": places[:, 1], "n": np.array(list(sums.values()) or [0.0])})
+    highest = max(float(np.max(source.data["n"])), 1.0)
+    plot.rect("x", "y", width, width, source=source, line_color="#555555",
+              fill_color=linear_cmap("n", "Viridis256", 0, highest))  # fmt: skip
+    plot.hover.tooltips = [("v_x, v_y", "@x, @y mm/s"), ("samples", "@n")]
+    return plot
+
+
+def _shown(value: Any) -> str:
+    return number(value, 4) if isinstance(value, float) else str(value)
