@@ -152,6 +152,21 @@ class SpindleConfig(_Settings):
     channel: str | None = Field(default=None, description="name in the control's own recordings, e.g. SP1")
 
 
+class DynamicsConfig(_Settings):
+    """How the control executes a path; `pido.process.motion.fit_dynamics` finds it in a recorded run."""
+
+    kv_per_s: PositiveFloat | None = Field(default=None, description="servo gain, 1/s (1 m/min/mm = 16.7 1/s)")
+    stop_window_mm: PositiveFloat | None = Field(default=None, description="lag at which an exact stop ends, mm")
+    block_overhead_s: NonNegativeFloat | None = Field(default=None, description="what each stop costs besides, s")
+    path_a_max: PositiveFloat | None = Field(default=None, description="acceleration along a feed path, mm/s²")
+    path_j_max: PositiveFloat | None = Field(default=None, description="jerk along a feed path, mm/s³")
+    smoothing_mm: NonNegativeFloat | None = Field(default=None, description="where G64 begins to round a corner, mm")
+    stop_at_speed_change: bool | None = Field(default=None, description="a new S begins from rest")
+    spindle_acc_deg_s2: PositiveFloat | None = Field(default=None, description="acceleration of the spindle, deg/s²")
+    spindle_tolerance: NonNegativeFloat | None = Field(default=None, description="feed waits for this share of S, –")
+    tool_change_s: NonNegativeFloat | None = Field(default=None, description="time of a tool change, s")
+
+
 class MachineConfig(_Settings):
     x: AxisConfig
     y: AxisConfig
@@ -164,6 +179,7 @@ class MachineConfig(_Settings):
     force_max_n: PositiveFloat = Field(default=2000.0, description="largest process force to expect, N")
     torque_max_nm: PositiveFloat = Field(default=50.0, description="largest spindle torque to expect, N·m")
     mrr_max_mm3_s: PositiveFloat = Field(default=2000.0, description="largest removal rate to expect, mm³/s")
+    dynamics: DynamicsConfig = Field(default=DynamicsConfig(), description="how the control executes a path")
 
     def channels(self) -> dict[str, str]:
         """Axis -> its name in the control's own recordings, where the settings say it."""
@@ -187,6 +203,7 @@ class MachineConfig(_Settings):
             vertical_axis=self.vertical_axis,
             tool_axis=self.tool_axis,
             ball_screw_lead_mm={a: c.ball_screw_lead_mm for a, c in axes.items() if c.ball_screw_lead_mm},
+            dynamics=self.dynamics.model_dump(exclude_none=True),
         )
 
 

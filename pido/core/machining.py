@@ -79,6 +79,7 @@ class Machine:
     vertical_axis: str = "z"  # along which gravity acts
     tool_axis: str = "z"  # along which the spindle points; z on horizontal mills too (ISO 841)
     ball_screw_lead_mm: dict[str, float] = field(default_factory=dict)
+    dynamics: Mapping[str, float | bool] = field(default_factory=dict)  # fields of process.motion.Dynamics
 
     def dead_band(self, axis: str) -> float:
         """Speed below which `axis` stands still: mm/s, spindle deg/s."""

@@ -149,9 +149,9 @@ class Executor:
         """Everything that decides what the next block does, except variables: equal states repeat for ever."""
         return (
             tuple(self.position), self.motion, self.plane, self.absolute, self.scale, self.feed_mode, self.feed_word,
-            self.rpm, self.exact, self.coolant, self.tool, self.preselected, self.offset_name, self.side, self.modal_cycle,
-            self.programmable.matrix.tobytes(), self.programmable.shift.tobytes(), self.base.shift.tobytes(),
-            self.override,
+            self.rpm, self.exact, self.coolant, self.tool, self.preselected, self.offset_name, self.side,
+            self.modal_cycle, self.programmable.matrix.tobytes(), self.programmable.shift.tobytes(),
+            self.base.shift.tobytes(), self.override,
         )  # fmt: skip
 
     # --- a block -----------------------------------------------------------------------------------------------

@@ -7,14 +7,12 @@ Out: `Recording` in the contract's columns, without currents; every sample knows
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pido.core.columns import PROCESS
-from pido.core.errors import SettingsError
 from pido.core.machining import Job, Machine, Material, MeshStock, Stock, Tool
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
@@ -78,11 +76,6 @@ def simulate_job(program: Path | str, job: Job, part: PartInfo | None = None) ->
 
     Raises as it does, and SettingsError for dynamics that `process.motion.Dynamics` does not have.
     """
-    given: dict[str, Any] = dict(job.dynamics or {})
-    known = {f.name for f in fields(Dynamics)}
-    if set(given) - known:
-        unknown = ", ".join(sorted(set(given) - known))
-        raise SettingsError(f"dynamics: {unknown} not known. Known: {', '.join(sorted(known))}.")
     return simulate_program(
         program,
         machine=job.machine,
@@ -95,7 +88,7 @@ def simulate_job(program: Path | str, job: Job, part: PartInfo | None = None) ->
         start=job.start,
         zero_offsets=job.zero_offsets,
         subprograms=Path(job.subprograms) if job.subprograms else None,
-        dynamics=Dynamics(**given),
+        dynamics=Dynamics.of(job.machine, job.dynamics),
         teeth=job.teeth,
     )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +40,15 @@ class Dynamics:
     spindle_acc_deg_s2: float | None = None
     spindle_tolerance: float = 0.01
     tool_change_s: float = 0.0
+
+    @classmethod
+    def of(cls, machine: Machine, own: Mapping[str, float | bool] | None = None) -> Dynamics:
+        """The settings of a machine, with one's own over them. Raises SettingsError for a name that is none."""
+        given: dict[str, Any] = {**machine.dynamics, **(own or {})}
+        known = {f.name for f in fields(cls)}
+        if unknown := sorted(set(given) - known):
+            raise SettingsError(f"dynamics: {', '.join(unknown)} not known. Known: {', '.join(sorted(known))}.")
+        return cls(**given)
 
     def __post_init__(self) -> None:
         positive = ("kv_per_s", "stop_window_mm", "path_a_max", "path_j_max", "spindle_acc_deg_s2")

@@ -59,7 +59,8 @@ def follow(toolpath: Toolpath, positions: Float2D, shift_mm: Float1D | None = No
         place = positions + shift
         inside = _first_touch(path, place, near)
         segment, u, distance = _project(path.start, path.end, path.sag, path.length, place[inside:], near)
-        ok = segment >= 0
+        first, last = (segment == 0) & (u <= 0), (segment == len(ways) - 2) & (u >= 1)
+        ok = (segment >= 0) & ~first & ~last  # waiting at an end, or already leaving it
         if not ok.any():
             break
         samples = inside + np.flatnonzero(ok)

@@ -77,10 +77,12 @@ def plan_motion(
 ) -> Motion:
     """The motion that `machine` makes of `toolpath`, sampled `rate_hz` times a second.
 
+    `dynamics`: None takes the machine's own settings.
+
     Raises SettingsError for an impossible machine, ProgramError for a path without moves.
     """
     check_machine(machine)
-    dynamics = dynamics or Dynamics()
+    dynamics = dynamics or Dynamics.of(machine)
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise ValueError(f"rate_hz = {rate_hz} must be positive")
     if len(toolpath) == 0:
@@ -364,10 +366,13 @@ def _on_path(way, speed, a, first, stop, before, start, end, sag):
     n = len(way)
     position, velocity, acceleration = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     segment = np.empty(n, np.int64)
+    i = 0
     for k in range(n):
         lo, hi = first[k], stop[k]
-        i = lo + np.searchsorted(before[lo : hi + 1], way[k], side="right") - 1
-        i = min(max(i, lo), hi - 1)
+        if i < lo or i >= hi or before[i] > way[k]:  # time goes on, so the segment is the last one or one soon after
+            i = min(max(lo + np.searchsorted(before[lo : hi + 1], way[k], side="right") - 1, lo), hi - 1)
+        while i + 1 < hi and before[i + 1] <= way[k]:
+            i += 1
         segment[k] = i
         length = max(before[i + 1] - before[i], 1e-12)
         u = min(max((way[k] - before[i]) / length, 0.0), 1.0)

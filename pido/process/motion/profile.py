@@ -73,31 +73,41 @@ def plan_profile(length: Float1D, speed: Float1D, a: Float1D, jerk: Float1D, sto
 
 
 @njit(cache=True)
-def _piece(k, t, duration, total, first, time, ways, speeds, accelerations, integral):
-    """Integral of way, way, speed and acceleration of the profile before averaging; outside it stands still."""
+def _piece(k, t, i, duration, total, first, time, ways, speeds, accelerations, integral):
+    """Integral of way, way, speed and acceleration before averaging, and the piece; `i`: the piece of the time before.
+
+    Before and after the stretch the profile stands still.
+    """
     if t <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, first[k]
+    stop = first[k + 1]
     if t >= duration[k]:
-        last = first[k + 1] - 1
+        last = stop - 1
         dt = duration[k] - time[last]
         end = integral[last] + dt * (ways[last] + dt * (speeds[last] / 2.0 + accelerations[last] * dt / 6.0))
-        return end + (t - duration[k]) * total[k], total[k], 0.0, 0.0
-    i = first[k] + np.searchsorted(time[first[k] : first[k + 1]], t, side="right") - 1
+        return end + (t - duration[k]) * total[k], total[k], 0.0, 0.0, last
+    if i < first[k] or i >= stop or time[i] > t:
+        i = first[k] + np.searchsorted(time[first[k] : stop], t, side="right") - 1
+    while i + 1 < stop and time[i + 1] <= t:
+        i += 1
     dt = t - time[i]
     s, v, a = ways[i], speeds[i], accelerations[i]
     area = integral[i] + dt * (s + dt * (v / 2.0 + a * dt / 6.0))
-    return area, s + dt * (v + 0.5 * a * dt), v + a * dt, a
+    return area, s + dt * (v + 0.5 * a * dt), v + a * dt, a, i
 
 
 @njit(cache=True)
 def _evaluate(stretch, when, duration, average, total, first, time, ways, speeds, accelerations, integral):
     n = len(when)
     way, speed, a = np.empty(n), np.empty(n), np.empty(n)
+    i_late, i_early = 0, 0
     for j in range(n):
         k, t, span = stretch[j], when[j], average[stretch[j]]
-        late = _piece(k, t, duration, total, first, time, ways, speeds, accelerations, integral)
+        late = _piece(k, t, i_late, duration, total, first, time, ways, speeds, accelerations, integral)
+        i_late = late[4]
         if span > 0.0:
-            early = _piece(k, t - span, duration, total, first, time, ways, speeds, accelerations, integral)
+            early = _piece(k, t - span, i_early, duration, total, first, time, ways, speeds, accelerations, integral)
+            i_early = early[4]
             way[j] = (late[0] - early[0]) / span
             speed[j] = (late[1] - early[1]) / span
             a[j] = (late[2] - early[2]) / span
