@@ -27,7 +27,7 @@ from pido.synthetic.drive import CYCLE_S
 
 PROCESS_HZ = 50
 GRID_MM = 0.25
-_FROM_PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim", "a_p", "phi_s")
+_FROM_PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim", "a_p", "a_e", "phi_s")
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ class Course:
     torque: Float1D
     mrr: Float1D
     edge_mm: Float1D
+    a_p: Float1D
+    a_e: Float1D
     radius_mm: Float1D
     cut_mm3: Float1D
     cut_s: Float1D
@@ -157,9 +159,9 @@ def _home(machine: Machine, job: PartJob) -> tuple[float, float, float]:
 
 def _course(job: PartJob, machine: Machine, history: History, motion: Motion) -> Course:
     n = len(motion.time)
-    names = tuple(dict.fromkeys(t for t in motion.tool_id if t))
-    if not names:
-        raise SettingsError(f"part {job.name}: the program takes no tool; begin it with T=\"name\" and M6.")
+    names = tuple(job.tools)
+    if not any(motion.tool_id):
+        raise SettingsError(f'part {job.name}: the program takes no tool; begin it with T="name" and M6.')
     index = np.array([names.index(t) if t else 0 for t in motion.tool_id])
     process = _process(job, machine, motion, names, index)
     time = np.arange(n) * CYCLE_S
@@ -184,6 +186,8 @@ def _course(job: PartJob, machine: Machine, history: History, motion: Motion) ->
         torque=process["m_sp_sim"],
         mrr=process["mrr_sim"],
         edge_mm=process["a_p"] * process["phi_s"] * teeth / (2 * np.pi),
+        a_p=process["a_p"],
+        a_e=process["a_e"],
         radius_mm=radius,
         cut_mm3=volume,
         cut_s=seconds,
@@ -206,7 +210,7 @@ def _process(job: PartJob, machine: Machine, motion: Motion, names: tuple[str, .
     columns |= {POSITION[a]: motion.pos_sp[rows, k] for k, a in enumerate(LINEAR_AXES)}
     path = Recording(PartInfo(part=job.name, machine=machine.id), columns)
     cut = process_quantities(
-        path, stock=job.stock, tools=job.tools, material=job.material, machine=machine, grid_mm=GRID_MM, teeth="mean"
+        path, stock=job.stock, tools=job.tools, material=job.material, machine=machine, grid_mm=GRID_MM
     )
     at = np.arange(n) * CYCLE_S
     return {name: np.interp(at, path.time, np.nan_to_num(cut[name])) for name in _FROM_PROCESS}

@@ -29,7 +29,7 @@ class CurrentSensor:
     slow_a: float = 0.02
     slow_s: float = 0.15
     white_a: float = 0.08
-    cutting_a: float = 0.02
+    cutting_a: float = 0.003
     resolution_a: float = 0.0005
 
     def noise(self, force_n: Float1D, rng: np.random.Generator) -> Float1D:
