@@ -1,0 +1,205 @@
+"""The state of a machine is a function of its set of parts: whatever the order, the interruptions, the repetitions."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.demo_parts import parts as made_up
+from pido import plain, production
+from pido.cli import pido
+from pido.core.errors import PidoError
+from pido.files.samples import load_samples, samples_digest, save_samples
+from pido.parts import ingest, samples_of
+from pido.recordings.folder import write_folder
+from pido.tracking import bundle
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace
+
+QUICK = {"adaptive": False, "leverage_quantile": None, "compare_with_model": False}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory) -> list[Path]:
+    root = tmp_path_factory.mktemp("parts")
+    short = [part.rows(slice(0, 700)) for part in made_up(3)]
+    return [write_folder(part, root / part.part.part) for part in short]
+
+
+@pytest.fixture
+def without_mlflow(monkeypatch):
+    monkeypatch.setattr(production, "log", lambda root: {"logged": 0, "fault": ""})
+
+
+def workspace_at(root: Path) -> Workspace:
+    place = root / "workspace.toml"
+    root.mkdir(parents=True, exist_ok=True)
+    lines = [f"{k} = {json.dumps(v)}" for k, v in QUICK.items() if v is not None]
+    place.write_text("[method]\n" + "\n".join(lines) + "\n")
+    return Workspace.open(root)
+
+
+def run(workspace: Workspace, *paths: Path):
+    answers = [plain.run(workspace, [path], None, lambda done, total, what: None) for path in paths]
+    assert not [r for a in answers for r in a["rejected"]]
+    return answers
+
+
+def final_state(workspace: Workspace, machine: str = "cmx600v") -> dict:
+    last = Ledger(workspace.ledger).versions(machine)[-1]
+    return bundle.load(workspace.bundles, last.bundle).content
+
+
+def test_parts_in_any_order_end_in_equal_training_sets_and_models(folders, tmp_path, without_mlflow):
+    states = []
+    for number, order in enumerate(itertools.islice(itertools.permutations(folders), 0, 6, 2)):
+        workspace = workspace_at(tmp_path / str(number))
+        run(workspace, *order)
+        states.append(final_state(workspace))
+    assert len(states[0]["parts"]) == 3
+    assert len(states[0]["models"]) == 4
+    assert states[1:] == states[:-1]
+
+
+def test_no_number_about_a_part_comes_from_that_part(folders, tmp_path, without_mlflow):
+    """What was predicted for the arriving part stays the same when its currents are others."""
+    said = []
+    for number, factor in enumerate((1.0, 3.0)):
+        workspace = workspace_at(tmp_path / str(number))
+        run(workspace, folders[0])
+        arrived = ingest(str(workspace.root), str(folders[1]))
+        key = production.begin(str(workspace.root), arrived["machine"], arrived["part"])
+        real = samples_of(workspace, arrived["part"])
+        from dataclasses import replace
+
+        from pido.parts import samples_path
+
+        save_samples(replace(real, currents=real.currents * factor), samples_path(workspace, arrived["part"]))
+        for stage in production.STAGES[:4]:
+            stage(str(workspace.root), key)
+        said.append((workspace.work / key / "said.parquet").read_bytes())
+    assert said[0] == said[1]
+
+
+def test_a_stage_that_is_done_twice_and_a_run_that_was_cut_off_change_nothing(folders, tmp_path, without_mlflow):
+    plainly, broken = workspace_at(tmp_path / "plain"), workspace_at(tmp_path / "broken")
+    run(plainly, *folders[:2])
+    run(broken, folders[0])
+    root = str(broken.root)
+    arrived = ingest(root, str(folders[1]))
+    key = production.begin(root, arrived["machine"], arrived["part"])
+    for stage in production.STAGES[:4]:
+        stage(root, key)
+        stage(root, key)
+    run(broken, folders[1])  # the process died after retraining; the part is brought again
+    assert final_state(broken) == final_state(plainly)
+    assert len(Ledger(broken.ledger).iterations("cmx600v")) == 2
+    assert not list(broken.work.iterdir())
+
+
+def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
+    import shutil
+
+    workspace = workspace_at(tmp_path / "plant")
+    run(workspace, folders[0], folders[0])
+    again = tmp_path / "copied elsewhere"
+    shutil.copytree(folders[0], again)
+    run(workspace, again)
+    assert len(Ledger(workspace.ledger).parts("cmx600v")) == 1
+    assert len(Ledger(workspace.ledger).versions("cmx600v")) == 1
+
+
+def test_what_cannot_be_used_is_rejected_with_its_reason_and_the_others_go_on(folders, tmp_path, without_mlflow):
+    workspace = workspace_at(tmp_path / "plant")
+    broken = tmp_path / "broken.json"
+    broken.write_text('{"Header": {')
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    answer = plain.run(workspace, [broken, empty, folders[0]], None, lambda *a: None)
+    assert [one["part"]["name"] for one in answer["done"]] == ["demo-01"]
+    assert {Path(r["path"]).name for r in answer["rejected"]} == {"broken.json", "empty"}
+    reasons = sorted((workspace.store / "rejected").glob("*.reason.txt"))
+    assert len(reasons) == 2
+    assert broken.exists(), "a user's own file stays where it is"
+
+
+def test_a_known_part_with_other_content_is_refused_and_nothing_changes(folders, tmp_path, without_mlflow):
+    workspace = workspace_at(tmp_path / "plant")
+    run(workspace, folders[0])
+    before = final_state(workspace)
+    other = next(made_up(1, seed=9)).rows(slice(0, 700))
+    place = write_folder(other, tmp_path / "other")
+    answer = plain.run(workspace, [place], None, lambda *a: None)
+    assert "other content" in answer["rejected"][0]["reason"]
+    assert final_state(workspace) == before
+
+
+def test_a_file_that_changes_while_it_is_read_is_left_for_later(folders, tmp_path, monkeypatch):
+    import shutil
+
+    from pido import parts
+
+    workspace = workspace_at(tmp_path / "plant")
+    place = tmp_path / "arriving"
+    shutil.copytree(folders[0], place)
+    read = parts.read_recording
+
+    def slowly(*args, **kwargs):
+        result = read(*args, **kwargs)
+        (place / "note.txt").write_text("still being copied")
+        return result
+
+    monkeypatch.setattr(parts, "read_recording", slowly)
+    with pytest.raises(parts.Changed):
+        ingest(str(workspace.root), str(place))
+    assert Ledger(workspace.ledger).rejections() == []
+
+
+def test_samples_come_back_from_their_file_bit_for_bit(folders, tmp_path):
+    workspace = workspace_at(tmp_path / "plant")
+    arrived = ingest(str(workspace.root), str(folders[0]))
+    samples = samples_of(workspace, arrived["part"])
+    again = load_samples(save_samples(samples, tmp_path / "again.parquet"))
+    assert samples_digest(again) == samples_digest(samples)
+    np.testing.assert_array_equal(again.currents, samples.currents)
+
+
+def test_a_workspace_does_not_silently_change_its_settings(tmp_path):
+    Workspace.make(tmp_path / "plant", machine="cmx600v", seed=1)
+    assert Workspace.make(tmp_path / "plant", seed=1).settings.seed == 1
+    with pytest.raises(PidoError, match="seed is 1 in this workspace"):
+        Workspace.make(tmp_path / "plant", seed=2)
+
+
+def test_a_second_pass_over_known_parts_makes_no_new_run_and_takes_less_than_two_seconds(folders, tmp_path):
+    """Beyond Python's own start, measured by a process that does nothing else."""
+    workspace = workspace_at(tmp_path / "plant")
+    call = [sys.executable, "-m", "pido.cli", "iterate", *map(str, folders), "--workspace", str(workspace.root)]
+    subprocess.run(call, check=True, capture_output=True)
+    runs = [i.logged for i in Ledger(workspace.ledger).iterations("cmx600v")]
+    start = time.perf_counter()
+    subprocess.run([sys.executable, "-c", "pass"], check=True)
+    bare = time.perf_counter() - start
+    start = time.perf_counter()
+    said = subprocess.run(call, check=True, capture_output=True, text=True).stdout
+    assert time.perf_counter() - start - bare < 2.0
+    assert "3 part(s) known already" in said
+    assert [i.logged for i in Ledger(workspace.ledger).iterations("cmx600v")] == runs
+    assert all(runs)
+
+
+def test_a_wrong_call_and_unusable_input_have_their_own_exit_codes(tmp_path):
+    from click.testing import CliRunner
+
+    runner = CliRunner()
+    assert runner.invoke(pido, ["iterate", "--nonsense"]).exit_code == 2
+    missing = runner.invoke(pido, ["iterate", str(tmp_path / "nothing"), "--workspace", str(tmp_path / "w")])
+    assert missing.exit_code == 1
+    assert "no such file" in missing.stderr
