@@ -73,7 +73,7 @@ class Grid:
 
     def centres(self, ids: Int1D) -> Float2D:
         """(n, 3): middle of each bin (eq. 9)."""
-        return (self.index(ids) + 0.5) * np.asarray(self.width, float)
+        return self.index(ids).astype(float) * np.asarray(self.width) + 0.5 * np.asarray(self.width)
 
     def id_of(self, index: Int2D) -> Int1D:
         """The bins with these whole numbers: the inverse of `index`."""

@@ -77,7 +77,7 @@ class ShareRule:
 
     def wanted(self, n_real: Int1D, rng: np.random.Generator) -> tuple[Int1D, Int1D]:
         """Number of PiA and PiE samples for bins that hold `n_real`. PiA never exceeds n_real: each is drawn once."""
-        x = 100.0 * np.asarray(n_real) / self.density
+        x = 100.0 * np.asarray(n_real).astype(float) / self.density
         pia, pie = (self._round(f(x) / 100.0 * self.density, rng) for f in (self.pia, self.pie))
         return np.minimum(pia, n_real), pie
 
