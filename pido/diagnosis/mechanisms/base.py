@@ -8,6 +8,7 @@ chooses among textbook forms is a whole number and is rounded; a form that a rec
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -43,6 +44,17 @@ class Parameter:
         space = np.geomspace if self.scale == "log" else np.linspace
         return tuple(float(v) for v in space(self.low, self.high, self.points))
 
+    @property
+    def is_choice(self) -> bool:
+        """Whether it numbers textbook forms, which have nothing between them."""
+        return bool(self.values) and self.values == tuple(float(i) for i in range(len(self.values)))
+
+    def around(self, value: float) -> tuple[float, float]:
+        """From the grid's neighbour below a value to the one above."""
+        below = [g for g in self.grid if g < value * (1 - 1e-9) or (value <= 0 and g < value)]
+        above = [g for g in self.grid if g > value * (1 + 1e-9) or (value <= 0 and g > value)]
+        return max(below, default=value), min(above, default=value)
+
 
 def choice(name: str, count: int) -> Parameter:
     """A shape that chooses among `count` forms, numbered from 0."""
@@ -59,6 +71,7 @@ class Mechanism(ABC):
     shape: ClassVar[tuple[Parameter, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = AXES
     summary: ClassVar[str] = ""
+    looked_at: ClassVar[int] = 1  # shapes that `suggest` compares; a claim is charged for them
 
     @property
     def tell_apart(self) -> dict[str, str]:
@@ -81,6 +94,25 @@ class Mechanism(ABC):
         if axis not in self.axes:
             return f"it does not act on axis {axis}"
         return self.needs(states)
+
+    def starts(self, states: Sequence[AxisState]) -> tuple[dict[str, float], ...]:
+        """Shapes that a search in these data starts from: all of the grid, unless a member knows better."""
+        names = [p.name for p in self.shape]
+        points = itertools.product(*(p.grid for p in self.shape))
+        return tuple(dict(zip(names, map(float, point), strict=True)) for point in points)
+
+    def suggest(self, states: Sequence[AxisState], left: Sequence[Float1D]) -> tuple[dict[str, float], ...]:
+        """Further shapes that what is left of the mismatch (A, per part, NaN where unusable) speaks for; often none."""
+        return ()
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        """(low, high) between which a shape parameter is moved when a search refines it; equal where it is settled."""
+        parameter = next(p for p in self.shape if p.name == name)
+        return (shape[name], shape[name]) if parameter.is_choice else parameter.around(shape[name])
+
+    def free(self, shape: Mapping[str, float]) -> int:
+        """How many shape parameters were fitted; choosing among forms is charged with the number of shapes tried."""
+        return sum(not p.is_choice for p in self.shape)
 
     def where(self, state: AxisState, **shape: float) -> Float1D:
         """(n,) in 0..1 – how strongly it acts, relative to where it acts most in this part."""
