@@ -13,6 +13,7 @@ from pido.core.errors import ProgramError, RecordingError, SettingsError
 from pido.core.machining import Machine, Stock, Tool
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.process.motion import Dynamics
 from pido.process.quantities import area_removal, process_quantities
 from pido.process.samples import to_samples
 from pido.process.simulate import as_air_cut, simulate_program
@@ -164,6 +165,8 @@ M30
 
 
 def simulated(program=PROGRAM, stock: Stock | None = STOCK, **more):
+    # Without servo lag, so that what a block cuts is cut while it is executed.
+    more.setdefault("dynamics", Dynamics())
     return simulate_program(program, machine=MILL, tools=TOOLS, material=STEEL, stock=stock, **more)
 
 
