@@ -123,14 +123,14 @@ _PAPER_NAMES = (
     "a_sp v_sp sgn(v_sp)", "v_sp² sgn(v_sp)", "M_sp MRR", "sgn(v_sp)",
 )  # fmt: skip
 
-PAPER = TermSet("paper", _PAPER_NAMES, 4, 1e-6, partial(_paper_columns, sign=_exact_sign), _paper_ranges)
+PAPER = TermSet("paper", _PAPER_NAMES, 4, 1e-5, partial(_paper_columns, sign=_exact_sign), _paper_ranges)
 """The 17 terms of eq. 17 as printed, with the sign of the velocity as recorded."""
 
 PAPER_HELD = TermSet(
     "paper-held",
     tuple(n.replace("sgn(", "held(") if n.startswith("sgn(") else n for n in _PAPER_NAMES),
     4,
-    1e-6,
+    1e-5,
     partial(_paper_columns, sign=_held_sign),
     _paper_ranges,
 )

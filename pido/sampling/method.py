@@ -31,7 +31,7 @@ from pido.sampling.gate import OPEN, Gate
 from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.optimise import Report, optimise
-from pido.sampling.shares import ShareRule, fill, nothing
+from pido.sampling.shares import ShareRule, generous_pie, nothing
 
 log = logging.getLogger(__name__)
 
@@ -177,7 +177,7 @@ def _proven(
     real: Samples, machine: Machine, method: Method, start: Adaptation, train: Train, rng: np.random.Generator
 ) -> Adaptation:
     """Play the arrival of a part with rows at hand: leave a stretch or direction out, balance for it, see who wins."""
-    rules = {"as set": method.share, "fill": replace(method.share, pia=nothing, pie=fill)}
+    rules = {"as set": method.share, "generous": replace(method.share, pie=generous_pie)}
     # parts that go where others have been, and parts (or stretches) that may not: every play costs a model per rule
     plays = [(interleaved(real), k) for k in range(3)] + [(folds(real, 3), k) for k in range(3)]
     change: dict[str, list[np.ndarray]] = {name: [] for name in rules}

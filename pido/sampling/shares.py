@@ -44,6 +44,11 @@ def paper_pie(x: Float1D) -> Float1D:
     return np.maximum(np.polyval([-1.119e-6, 3.314e-4, -3.522e-2, 1.335, 1.766], x), 0.0)
 
 
+def generous_pie(x: Float1D) -> Float1D:
+    """Four times eq. 16 where a bin holds samples, none where it holds none: for equations that have proven better."""
+    return np.where(np.asarray(x) > 0, 4.0 * paper_pie(x), 0.0)
+
+
 def fill(x: Float1D) -> Float1D:
     """What is missing to the target density, in percent: the plainest balance."""
     return np.clip(100.0 - np.asarray(x, float), 0.0, 100.0)
@@ -54,7 +59,13 @@ def nothing(x: Float1D) -> Float1D:
     return np.zeros_like(np.asarray(x, float))
 
 
-SHARES: dict[str, Share] = {"paper-pia": paper_pia, "paper-pie": paper_pie, "fill": fill, "none": nothing}
+SHARES: dict[str, Share] = {
+    "paper-pia": paper_pia,
+    "paper-pie": paper_pie,
+    "generous-pie": generous_pie,
+    "fill": fill,
+    "none": nothing,
+}
 
 
 @dataclass(frozen=True)

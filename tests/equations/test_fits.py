@@ -62,7 +62,7 @@ def test_the_ridge_of_the_printed_terms_is_far_below_the_noise():
     samples = rows(4000)
     X = PAPER.design(samples, MILL)
     plain = X @ np.linalg.lstsq(X, samples.currents, rcond=None)[0]
-    assert np.abs(fit_global(samples, MILL).predict(samples) - plain).max() < 1e-4 * 0.2
+    assert np.abs(fit_global(samples, MILL).predict(samples) - plain).max() < 1e-3 * 0.2
 
 
 def test_statistics_of_the_whole_give_the_global_equation_that_the_samples_give():
