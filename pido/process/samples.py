@@ -24,6 +24,8 @@ logger = logging.getLogger(__name__)
 
 AR_MAX_MM2 = 200.0
 """Upper bound of AR for a sample with the tool engaged (paper, section IV-A)."""
+AR_NOISE_MM2 = 0.05
+"""Lower bound: a path recorded to a few micrometres "removes" this much at a wall that was already cut."""
 GAP_STEPS = 2.5
 """A time step longer than this many median steps is a gap: the direction of an axis is unknown after it."""
 
@@ -32,8 +34,8 @@ def to_samples(recording: Recording, machine: Machine, part_digest: str, *, enga
     """Rows of one part, in time order.
 
     A row is kept where all 13 inputs are there; with `engaged_only` also where 0 < AR < 200 mm² and the tool moves
-    (paper, section IV-A: ||v|| != 0, here: faster than the dead band on at least one axis, because a measured speed
-    is never 0). The held direction is found before rows are left out. An axis whose current was not recorded has NaN.
+    (paper, section IV-A). A measured speed or AR is never exactly 0: ||v|| != 0 means faster than the dead band on at
+    least one axis, and AR > 0 means beyond the noise of a recorded path. The held direction is found before rows are left out. An axis whose current was not recorded has NaN.
 
     Raises RecordingError for missing columns, or where no row is left.
     """
@@ -69,10 +71,10 @@ def to_samples(recording: Recording, machine: Machine, part_digest: str, *, enga
 
 
 def engaged(recording: Recording, machine: Machine) -> Bool1D:
-    """(n,): 0 < AR < 200 mm², and at least one linear axis moves."""
+    """(n,): 0 < AR < 200 mm², beyond the noise of a recorded path, and at least one linear axis moves."""
     ar = area_removal(recording)
     moves = np.any([np.abs(recording[VELOCITY[a]]) > machine.dead_band(a) for a in LINEAR_AXES], axis=0)
-    return (ar > 0) & (ar < AR_MAX_MM2) & moves
+    return (ar > AR_NOISE_MM2) & (ar < AR_MAX_MM2) & moves
 
 
 def directions(recording: Recording, machine: Machine) -> Float2D:
