@@ -219,7 +219,9 @@ class MethodSettings(_Settings):
     )
     density: PositiveFloat = Field(default=40.0, description="target density rho, samples per bin")
     pia: Literal["paper-pia", "fill", "none"] = Field(default="paper-pia", description="share rule of PiA (eq. 15)")
-    pie: Literal["paper-pie", "fill", "none"] = Field(default="paper-pie", description="share rule of PiE (eq. 16)")
+    pie: Literal["paper-pie", "generous-pie", "fill", "none"] = Field(
+        default="paper-pie", description="share rule of PiE (eq. 16)"
+    )
     rounding: Literal["stochastic", "nearest"] = "stochastic"
     leverage_quantile: float | None = Field(
         default=0.95, gt=0, le=1, description="gate: largest leverage, as a quantile of the fitted rows'; none: open"
