@@ -174,7 +174,9 @@ def test_a_program_becomes_a_recording_in_the_contracts_columns():
     recording = simulated()
     for name in (*INPUTS, *PROCESS, "pos_x", "pos_sp", "nc_line", "tool_id", "coolant"):
         assert len(recording[name]) == len(recording)
-    cuts = recording["mrr_sim"] > 1.0
+    cuts = (
+        recording["mrr_sim"] > 0.05 * recording["mrr_sim"].max()
+    )  # a block's last micrometre may fall to the next sample
     assert set(recording["nc_line"][cuts]) == {6.0, 7.0}
     # two slots at depth 4, each with its round end, less what lies in both (a square and a quarter disc)
     assert np.trapezoid(recording["mrr_sim"], recording.time) == pytest.approx(
