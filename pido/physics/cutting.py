@@ -156,8 +156,9 @@ def end_cutting_forces(
     """Force of the end teeth where the tool moves into the depth: plunge, drill, ramp, helix.
 
     The paper's milling force has no term for it. Here the end edge reaches from the axis to the radius,
-    b = R / sin(kappa), and its chip comes from the axial feed per tooth, h = f_z sin(kappa). k_c stops rising below `THIN_CHIP_MM`: a ramp's axial chip is a
-    micrometre, where an exponent near 1 would ask for more force the less is cut.
+    b = R / sin(kappa), and its chip comes from the axial feed per tooth, h = f_z sin(kappa). k_c stops rising below
+    `THIN_CHIP_MM`: a ramp's axial chip is a micrometre, where an exponent near 1 would ask for more force the less is
+    cut.
 
     Parameters
     ----------

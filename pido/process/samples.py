@@ -35,7 +35,8 @@ def to_samples(recording: Recording, machine: Machine, part_digest: str, *, enga
 
     A row is kept where all 13 inputs are there; with `engaged_only` also where 0 < AR < 200 mm² and the tool moves
     (paper, section IV-A). A measured speed or AR is never exactly 0: ||v|| != 0 means faster than the dead band on at
-    least one axis, and AR > 0 means beyond the noise of a recorded path. The held direction is found before rows are left out. An axis whose current was not recorded has NaN.
+    least one axis, and AR > 0 means beyond the noise of a recorded path. The held direction is found before rows are
+    left out. An axis whose current was not recorded has NaN.
 
     Raises RecordingError for missing columns, or where no row is left.
     """

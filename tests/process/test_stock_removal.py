@@ -31,7 +31,7 @@ def along(*corners, step=STEP):
     return np.array(points)
 
 
-def cut(points, tool=None, grid_mm=0.1, stock=BLOCK):
+def cut(points, tool=None, grid_mm=0.1, stock: Stock | MeshStock = BLOCK):
     tool = tool or end_mill()
     part = raw_part(stock, grid_mm)
     return remove(part, points, np.zeros(len(points), int), (tool,)), part
