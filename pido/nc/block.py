@@ -278,7 +278,7 @@ class Executor:
         for m in b.m:
             if m in known.SPINDLE_M:
                 self.direction = known.SPINDLE_M[int(m)]
-            elif m in known.COOLANT_M:
+            if m in known.COOLANT_M:
                 self.coolant = known.COOLANT_M[int(m)]
             elif m == 6:
                 self._flush()

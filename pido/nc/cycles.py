@@ -100,13 +100,13 @@ def _deep(pen: Pen, a: dict[str, Any]) -> None:
             pen.rapid(w=safe)
             if a["DTS"]:
                 pen.dwell(_seconds(pen, a["DTS"]))
-            pen.rapid(w=reached + down * min(abs(a["SDIS"] or 0.0), step / 2))
+            pen.rapid(w=reached + down * min(a.get("DIS1") or abs(a["SDIS"] or 0.0), step / 2))
         else:
-            pen.rapid(w=reached + down * min(1.0, step / 2))
+            pen.rapid(w=reached + down * min(a.get("VRT") or 1.0, step / 2))
         if less > 0:
-            step = max(step - less, less)
+            step = max(step - less, a.get("MDEP") or less)
         elif less < 0:
-            step = max(step * abs(less), 0.1)
+            step = max(step * abs(less), a.get("MDEP") or 0.1)
     pen.rapid(w=retract)
 
 
@@ -280,11 +280,13 @@ def _pocket(pen: Pen, a: dict[str, Any], half: float, ring: Callable[[float, flo
 
 _PLANES = ("RTP", "RFP", "SDIS", "DP")
 _DRILL = (*_PLANES, "DPR", "DTB")
+_MODES = ("GMODE", "DMODE", "AMODE")  # how the control shows the numbers; GMODE other than 0 means them differently
 _POCKET_END = ("MID", "FAL", "FALD", "FFP1", "FFD", "CDIR", "VARI", "MIDA", "AP1", "AP2", "AD", "RAD1", "DP1")
+_DEEP_END = ("AXN", "MDEP", "VRT", "DTD", "DIS1", *_MODES)
 CYCLES: dict[str, Cycle] = {
-    "CYCLE81": Cycle((*_PLANES, "DPR"), _drill),
-    "CYCLE82": Cycle(_DRILL, _drill),
-    "CYCLE83": Cycle((*_PLANES, "DPR", "FDEP", "FDPR", "DAM", "DTB", "DTS", "FRF", "VARI"), _deep),
+    "CYCLE81": Cycle((*_DRILL, *_MODES), _drill),
+    "CYCLE82": Cycle((*_DRILL, *_MODES), _drill),
+    "CYCLE83": Cycle((*_PLANES, "DPR", "FDEP", "FDPR", "DAM", "DTB", "DTS", "FRF", "VARI", *_DEEP_END), _deep),
     "CYCLE84": Cycle((*_DRILL, "SDAC", "MPIT", "PIT", "POSS", "SST", "SST1"), _tap),
     "CYCLE840": Cycle((*_DRILL, "SDR", "SDAC", "ENC", "MPIT", "PIT"), _tap),
     "CYCLE85": Cycle((*_DRILL, "FFR", "RFF"), _ream),
@@ -320,6 +322,8 @@ def arguments(name: str, values: Arguments) -> dict[str, Any]:
         "HOLES1": ("SPCA", "SPCO", "DBH", "NUM"),
     }
     needed["HOLES2"] = ("CPA", "CPO", "RAD", "NUM")
+    if named.get("GMODE"):
+        raise ValueError(f"{name}: only depth at the tool's tip (GMODE 0) is understood")
     missing = [p for p in needed.get(name, ()) if named[p] is None]
     if missing:
         raise ValueError(f"{name}: {', '.join(missing)} missing")

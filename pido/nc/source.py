@@ -263,7 +263,11 @@ def _check_words(program: Program) -> list[tuple[int, str]]:
                 (s.line, fault) for letter, value in s.pairs if (fault := _unknown(letter, value, program.neutral))
             ]
             continue
-        reads = s.control.reads if s.control else frozenset().union(*(w.reads for w in s.words or ()))
+        reads = (
+            s.control.reads
+            if s.control
+            else frozenset().union(*(w.reads for w in s.words or () if w.name not in known.NEUTRAL_CALLS))
+        )
         for name in sorted(reads):
             if name.endswith("()"):
                 faults.append((s.line, f"function {name} is not known"))

@@ -24,14 +24,14 @@ KNOWN_G = (
 
 STOPS_M = frozenset({0, 1})
 ENDS_M = frozenset({2, 17, 30, 99})
-SPINDLE_M = {3: 1.0, 4: -1.0, 5: 0.0, 19: 0.0}
-COOLANT_M = {7: True, 8: True, 9: False}
+SPINDLE_M = {3: 1.0, 4: -1.0, 5: 0.0, 19: 0.0, 13: 1.0, 14: -1.0}
+COOLANT_M = {7: True, 8: True, 9: False, 13: True, 14: True}
 NEUTRAL_M = frozenset({*range(40, 46), 10, 11, 48, 49})  # gear stages, clamps, override switches
 KNOWN_M = STOPS_M | ENDS_M | frozenset(SPINDLE_M) | frozenset(COOLANT_M) | NEUTRAL_M | {6, 98}
 
 LINEAR = ("X", "Y", "Z")
 ROTARY = ("A", "B", "C")
-ADDRESSES = frozenset("XYZIJKFSTDHABCLPRQ") | {"O", "E"}
+ADDRESSES = frozenset("XYZIJKFSTDHABCLMPRQ") | {"O", "E"}
 NAMED_ADDRESSES = frozenset(
     {"CR", "AR", "TURN", "I1", "J1", "K1", "ADIS", "ADISPOS", "RND", "RNDM", "CHF", "CHR", "FRC", "FRCM"}
     | {"RPL", "AP", "RP", "S1", "M1", "SPOS", "LIMS", "OVR", "DISR", "DISCL", "OFFN", "SF", "CTOL", "OTOL", "SVC", "P"}

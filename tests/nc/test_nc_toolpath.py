@@ -222,6 +222,13 @@ def test_drilling_cycles_reach_depth_and_return():
     assert path.dwell.max() == 0.5
 
 
+def test_drilling_as_the_control_itself_writes_it_is_the_same_hole():
+    plain = run("G0 X5 Y5 Z20", "S1000 M3 F100", "CYCLE82(10,0,2,-15,,0.5)")
+    written = run("G0 X5 Y5 Z20", "S=1000 M=3 F100", "CYCLE82(10,0,2,-15,,0.5,0,1,12)")
+    np.testing.assert_array_equal(plain.end, written.end)
+    assert run("S1000 M13", "G0 X1").coolant.all()
+
+
 def test_deep_drilling_goes_down_step_by_step_and_clears_the_hole():
     path = run("G0 Z20", "S1000 M3 F100", "CYCLE83(10,0,2,-30,,,10,0,0,0,1,1)")
     turning_points = path.end[path.kind == FEED][:, 2]
