@@ -33,6 +33,7 @@ from pido.diagnosis.identify import (
     confirm,
     first_noise,
     noise_of,
+    plainest,
     rivals_of,
     select_terms,
 )
@@ -204,6 +205,7 @@ def search(look: _Look, rng: np.random.Generator, axes: int, timed: bool) -> Ans
     if note is not None:
         answer.notes.append(note)
     noise = noise_of(mismatch, noise, terms)
+    terms = plainest(library, noise, terms)
     questions = axes * len({t.name for t in library.terms})
     terms = confirm(library, noise, terms, answer, questions)
     library.whiten(noise)

@@ -29,6 +29,7 @@ from pido.diagnosis.select import (
     best_addition,
     drop_useless,
     grid_terms,
+    is_choice,
     refine,
     shortlist_of,
     swap,
@@ -119,6 +120,25 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), reg
             break
         seen.add(names)
     return terms
+
+
+def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """Of textbook forms that fit equally well beside the other terms, the first."""
+    out = list(terms)
+    for i, term in enumerate(out):
+        for p in term.mechanism.shape:
+            if not is_choice(p):
+                continue
+            whole = basis(library, noise, out).bic
+            for value in p.values:
+                if value == dict(out[i].shape)[p.name]:
+                    break
+                other = replace(term, shape=tuple({**dict(out[i].shape), p.name: value}.items()))
+                trial = [*out[:i], other, *out[i + 1 :]]
+                if basis(library, noise, trial).bic < whole + 2.0:
+                    out = trial
+                    break
+    return out
 
 
 def next_term(library: Library, noise: Noise, terms: Sequence[Term], regions: bool) -> Score | None:

@@ -166,17 +166,21 @@ class PositionDependentFriction(Mechanism):
 
 
 class PreslidingHysteresis(Mechanism):
-    """Friction that turns over a small way after a reversal (Dahl 1968); `full`: 1 all of it, 0 only what sgn lacks."""
+    """Friction that turns over a small way after a reversal (Dahl 1968).
+
+    `full`: 0 what a held sign lacks of it; 1 all of it; 2 what sgn(v) lacks of it, which is zero at standstill.
+    """
 
     id = "presliding_hysteresis"
-    equation = "dI = F_p * z (full) or F_p * (z - h); dz/ds = (h - z) / x_0, h = direction of the last motion"
+    equation = "dI = F_p * (z - z_sim); dz/ds = (h - z) / x_0, h = direction of the last motion, z_sim = h, 0 or sgn(v)"
     amplitudes = (Parameter("F_p", "A", low=0.0),)
-    shape = (Parameter("x_0", "mm", low=0.003, high=3.0, scale="log", points=7), choice("full", 2))
+    shape = (Parameter("x_0", "mm", low=0.003, high=3.0, scale="log", points=7), choice("full", 3))
     axes = LINEAR_AXES
 
     def regressors(self, state, *, x_0, full):
         z = dahl_state(state.held, state.since_reversal, state.segment, x_0)
-        return column(z - (state.held if round(full) == 0 else 0.0))
+        simulated = (state.held, np.zeros(len(z)), direction(state))[round(full)]
+        return column(z - simulated)
 
     def needs(self, states):
         return turns(states)
