@@ -33,7 +33,14 @@ CALIBRATED = (
     "spindle_inertia", "spindle_torque_load",
 )  # fmt: skip
 """Terms that a simulation usually has, and may have with a wrong coefficient."""
-REGIONAL = ("coolant_load", "cutting_force", "edge_force", "axis_coupling", "position_dependent_friction", "external_force")
+REGIONAL = (
+    "coolant_load",
+    "cutting_force",
+    "edge_force",
+    "axis_coupling",
+    "position_dependent_friction",
+    "external_force",
+)
 CONFOUNDED = {
     "coolant_load": ("edge_force",),
     "edge_force": ("coolant_load",),
@@ -83,7 +90,9 @@ class Case:
         }
 
 
-def draw_case(kind: str, strength: float = 2.0, seed: int = 0, *, rate_hz: float = 50.0, parts: int | None = None) -> Case:
+def draw_case(
+    kind: str, strength: float = 2.0, seed: int = 0, *, rate_hz: float = 50.0, parts: int | None = None
+) -> Case:
     """One case. Same arguments: same bytes.
 
     parts : number of parts, 3 to 6 where None. Raises SettingsError for an unknown kind.
@@ -132,7 +141,12 @@ def _some_parts(mill: VirtualMill, n: int, form: str, what: str, rng: np.random.
         material = "AL2007T4" if material == "POM-C" else material
         return shape(mill.machine, material, vary=str(rng.choice(["a_p", "SF"])))
     jobs = random_contours(
-        mill.machine, n, rng, material=material, seconds=float(rng.uniform(60, 100)), coolant_with_cut=form == "confounded"
+        mill.machine,
+        n,
+        rng,
+        material=material,
+        seconds=float(rng.uniform(60, 100)),
+        coolant_with_cut=form == "confounded",
     )
     if form == "confounded":  # no pause: heat and wear grow together
         clock = 0.0
@@ -166,6 +180,8 @@ def _axis(what: str, mill: VirtualMill, rng: np.random.Generator) -> str:
     if id == "gravity_load":
         return mill.machine.vertical_axis
     axes = BY_ID[id].axes if id in BY_ID else LINEAR_AXES if id in ("unknown", "input_fault") else (*LINEAR_AXES, "sp")
+    if id == "backlash":  # a weight keeps the screw pressed to one side
+        axes = tuple(a for a in axes if a != mill.machine.vertical_axis)
     if id == "unknown" or len(axes) > 1:
         axes = tuple(a for a in axes if a != "z")  # z only plunges: there is little to find on it
     return str(rng.choice(axes))

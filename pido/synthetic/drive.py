@@ -84,8 +84,12 @@ class Drive:
         positive = ("motor_kg", "table_kg", "force_per_ampere", "screw_n_mm", "stribeck_mm_s", "bristle_n_mm", "soft_mm",
                     "creep_s", "ripple_mm", "position_gain", "speed_bandwidth", "integral_s", "current_max_a")  # fmt: skip
         not_negative = ("screw_zeta", "lost_motion_mm", "coulomb_n", "stribeck_n", "viscous", "hold", "knee_a", "bend")
-        faults = [f"{name} = {getattr(self, name):g} must be above 0" for name in positive if not getattr(self, name) > 0]
-        faults += [f"{name} = {getattr(self, name):g} is negative" for name in not_negative if not getattr(self, name) >= 0]
+        faults = [
+            f"{name} = {getattr(self, name):g} must be above 0" for name in positive if not getattr(self, name) > 0
+        ]
+        faults += [
+            f"{name} = {getattr(self, name):g} is negative" for name in not_negative if not getattr(self, name) >= 0
+        ]
         if not abs(self.asymmetry) < 1:
             faults.append(f"asymmetry = {self.asymmetry:g} must lie between -1 and 1")
         if not 0 <= self.soft_share <= 1:

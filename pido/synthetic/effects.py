@@ -88,27 +88,38 @@ def strength_of(currents: list[Float1D], noise_rms: float) -> float:
 
 
 def amplitude_for(strength: float, reached: Callable[[float], float], first: float, largest: float, name: str) -> float:
-    """The amplitude at which `reached` gives `strength` within 1 %, by secant steps; `largest` where it cannot be had.
+    """The amplitude at which `reached` gives `strength` within 1 %, by false position; `largest` where that comes near.
 
-    Raises SettingsError where the effect never acts (say, cutting force in an air cut).
+    Raises SettingsError where the effect never acts (say, cutting force in an air cut) or stays below half of it.
     """
+    low, at_low = 0.0, 0.0
     amplitude = min(first, largest)
-    low, high = 0.0, largest
-    for _ in range(25):
-        now = reached(amplitude)
-        if now == 0.0 and amplitude >= min(largest, 1e6 * first):
-            raise SettingsError(f"{name} never acts in these parts (no cut, no reversal, no coolant?): choose other parts.")
-        if abs(now - strength) <= 0.01 * strength:
+    now = reached(amplitude)
+    while now < strength and amplitude < largest:
+        if now == 0.0 and amplitude >= 1e6 * first:
             break
-        if now < strength:
-            if amplitude >= largest:
-                break
-            low = amplitude
+        low, at_low = amplitude, now
+        amplitude = min(largest, amplitude * float(np.clip(1.02 * strength / now, 1.5, 20.0)) if now > 0 else 10 * amplitude)
+        now = reached(amplitude)
+    if now == 0.0:
+        raise SettingsError(f"{name} never acts in these parts (no cut, no reversal, no coolant?): choose others.")
+    high, at_high = amplitude, now
+    for step in range(20):
+        if abs(now - strength) <= 0.01 * strength or now < strength and amplitude >= largest:
+            break
+        if step % 3 == 2 or at_high <= at_low:
+            amplitude = 0.5 * (low + high)
         else:
-            high = amplitude
-        guess = amplitude * (strength / now if now > 0 else 10.0)
-        guess = float(np.clip(guess, amplitude / 20, amplitude * 20))
-        amplitude = guess if low < guess < high else (min(largest, guess) if np.isinf(high) or guess >= largest else (low + high) / 2)
+            amplitude = low + (high - low) * (strength - at_low) / (at_high - at_low)
+        now = reached(amplitude)
+        if now < strength:
+            low, at_low = amplitude, now
+        else:
+            high, at_high = amplitude, now
+    if now < 0.5 * strength:
+        raise SettingsError(
+            f"{name} reaches a strength of {now:.2g} in these parts, {strength:g} was asked for: choose others."
+        )
     return amplitude
 
 

@@ -43,7 +43,9 @@ def equip(
     return tuple(_equip(mill, list(courses), e, rng, rate_hz) for e in effects)
 
 
-def on_all_axes(mill: VirtualMill, courses: Sequence[Course], fault: Effective, rate_hz: float) -> tuple[Effective, ...]:
+def on_all_axes(
+    mill: VirtualMill, courses: Sequence[Course], fault: Effective, rate_hz: float
+) -> tuple[Effective, ...]:
     """A fault of the file, the same on every axis; the one given stays first, the strength of the others is what it is."""
     out = [fault]
     for axis in AXES:
@@ -63,7 +65,9 @@ def noise_rms(mill: VirtualMill, courses: Sequence[Course], axis: str, rate_hz: 
     return float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
 
 
-def _equip(mill: VirtualMill, courses: list[Course], effect: Effect, rng: np.random.Generator, rate_hz: float) -> Effective:
+def _equip(
+    mill: VirtualMill, courses: list[Course], effect: Effect, rng: np.random.Generator, rate_hz: float
+) -> Effective:
     if effect.axis not in AXES:
         raise SettingsError(f"effect {effect.id}: there is no axis '{effect.axis}'; axes are {', '.join(AXES)}.")
     if not effect.strength > 0:
@@ -73,14 +77,22 @@ def _equip(mill: VirtualMill, courses: list[Course], effect: Effect, rng: np.ran
         return _input_fault(mill, courses, effect, rng)
     if effect.id in CURRENT_FAULTS:
         law, start = None, Effective(effect, None, FIRST_A, 0.0, _fault_shape(mill, courses, effect))
-        largest = start.shape["peak_a"] if effect.id == "sensor_clipping" else 0.5 if effect.id == "time_misalignment" else np.inf
+        largest = (
+            start.shape["peak_a"]
+            if effect.id == "sensor_clipping"
+            else 0.5
+            if effect.id == "time_misalignment"
+            else np.inf
+        )
     else:
         law = _law(effect, rng)
         shape = law.shape(effect.axis, courses, rng) | effect.shape
         setup = mill.setup(effect.axis, courses[0])
         base = law.natural(setup) if effect.id.startswith(MISCALIBRATED) else 0.0
         if effect.id.startswith(MISCALIBRATED) and not base > 0:
-            raise SettingsError(f"{effect.id} on {effect.axis}: this machine's simulation has no such term to be wrong in.")
+            raise SettingsError(
+                f"{effect.id} on {effect.axis}: this machine's simulation has no such term to be wrong in."
+            )
         largest = law.largest(setup) - base
         start = Effective(effect, law, base + FIRST_A, base, shape)
 
@@ -129,7 +141,9 @@ def _law(effect: Effect, rng: np.random.Generator) -> Law:
         return possible[int(rng.integers(len(possible)))] if possible else _refused(effect)
     law = BY_ID.get(effect.id.removeprefix(MISCALIBRATED))
     if law is None:
-        raise SettingsError(f"effect '{effect.id}' is not known. Known: {', '.join(BY_ID)}, unknown, and faults of the data.")
+        raise SettingsError(
+            f"effect '{effect.id}' is not known. Known: {', '.join(BY_ID)}, unknown, and faults of the data."
+        )
     return law if effect.axis in law.axes else _refused(effect)
 
 

@@ -53,7 +53,9 @@ def impellers(
         lines += ["M9", "G0 Z50", 'T="BALL_6"', "M6", f"S{speed * 0.9:.0f} M3", "M8"]
         for b in range(blades):
             lines += _blade_edge(2 * np.pi * (b + 0.5) / blades, sweep, hub, outer - 4.0, feed * 0.8)
-        jobs.append(_job(machine, f"IMP-{k + 1:02d}", lines, IMPELLER_TOOLS, material, (150.0, 75.0, 50.0), k + 1, clock))
+        jobs.append(
+            _job(machine, f"IMP-{k + 1:02d}", lines, IMPELLER_TOOLS, material, (150.0, 75.0, 50.0), k + 1, clock)
+        )
         clock += 900.0 + pause_s
     return jobs
 
@@ -102,7 +104,17 @@ def air_cut(machine: Machine, *, runs: int = 3) -> PartJob:
     lines += ["G0 X37.5 Y-10 Z10"]
     for _ in range(runs):
         lines += ["G0 X37.5 Y-10", "G0 Z-5"]
-        corner = [(27.5, 10), (10, 27.5), (10, 47.5), (27.5, 65), (47.5, 65), (65, 47.5), (65, 27.5), (47.5, 10), (27.5, 10)]
+        corner = [
+            (27.5, 10),
+            (10, 27.5),
+            (10, 47.5),
+            (27.5, 65),
+            (47.5, 65),
+            (65, 47.5),
+            (65, 27.5),
+            (47.5, 10),
+            (27.5, 10),
+        ]
         lines += [f"G1 X37.5 Y10 S{2000} F360"]
         for i, (x, y) in enumerate(corner):
             speed, feed = 2000 + 150 * i, 360 + 27 * i
@@ -117,7 +129,12 @@ def air_cut(machine: Machine, *, runs: int = 3) -> PartJob:
 
 
 def random_contours(
-    machine: Machine, n: int, rng: np.random.Generator, *, material: str | None = "S235JR", seconds: float = 80.0,
+    machine: Machine,
+    n: int,
+    rng: np.random.Generator,
+    *,
+    material: str | None = "S235JR",
+    seconds: float = 80.0,
     coolant_with_cut: bool = False,
 ) -> list[PartJob]:
     """n different parts of `seconds` each: slots, arcs, pockets, ramps and air moves at changing feed, speed and depth.
@@ -159,8 +176,14 @@ def _head(title: str, tool: str, speed: float) -> list[str]:
 
 
 def _job(
-    machine: Machine, name: str, lines: Sequence[str], tools: dict[str, Tool], material: str | None,
-    blank: tuple[float, float, float] | None, order: int, clock: float,
+    machine: Machine,
+    name: str,
+    lines: Sequence[str],
+    tools: dict[str, Tool],
+    material: str | None,
+    blank: tuple[float, float, float] | None,
+    order: int,
+    clock: float,
 ) -> PartJob:
     """The blank's upper face, lower left corner, is the program's origin; it stands in the middle of the travel."""
     size = np.array(blank or (80.0, 80.0, 40.0))
@@ -173,8 +196,14 @@ def _job(
         stock = Stock((float(low[0]), float(low[1]), float(low[2])), (float(high[0]), float(high[1]), float(high[2])))
     program = "\n".join([*lines, "M9", "G0 Z50", "M5", "M30", ""])
     return PartJob(
-        name=name, program=program, tools=tools, material=config.material(material) if material else None, stock=stock,
-        zero_mm=(float(zero[0]), float(zero[1]), float(zero[2])), order=order, start_time_s=clock,
+        name=name,
+        program=program,
+        tools=tools,
+        material=config.material(material) if material else None,
+        stock=stock,
+        zero_mm=(float(zero[0]), float(zero[1]), float(zero[2])),
+        order=order,
+        start_time_s=clock,
     )
 
 
@@ -223,7 +252,14 @@ def _gear(z: float, feed: float, speed: float) -> list[str]:
 def _plate(z: float, feed: float, speed: float) -> list[str]:
     lines = ["M8"]
     for y in (15.0, 30.0, 45.0, 60.0):
-        lines += ["G0 Z5", f"G0 X-10 Y{y}", f"G0 Z{-z:.3f}", f"G1 X70 F{feed:.0f} S{speed:.0f}", f"G1 Y{y + 5}", "G1 X-10"]
+        lines += [
+            "G0 Z5",
+            f"G0 X-10 Y{y}",
+            f"G0 Z{-z:.3f}",
+            f"G1 X70 F{feed:.0f} S{speed:.0f}",
+            f"G1 Y{y + 5}",
+            "G1 X-10",
+        ]
     return lines
 
 
@@ -231,7 +267,14 @@ def _notch(z: float, feed: float, speed: float) -> list[str]:
     lines = ["M8"]
     for i, x in enumerate((15.0, 32.0, 49.0, 66.0)):
         depth = z * (i + 1) / 4
-        lines += ["G0 Z5", f"G0 X{x} Y-10", "G0 Z0.5", f"G1 Y10 Z{-depth:.3f} F{feed:.0f} S{speed:.0f}", "G1 Y60", "G1 Y88 Z1"]
+        lines += [
+            "G0 Z5",
+            f"G0 X{x} Y-10",
+            "G0 Z0.5",
+            f"G1 Y10 Z{-depth:.3f} F{feed:.0f} S{speed:.0f}",
+            "G1 Y60",
+            "G1 Y88 Z1",
+        ]
     return lines
 
 

@@ -54,5 +54,5 @@ def faulty_signal(kind: str, pos: Float1D, start: int, stop: int, size: float) -
         wrong[start:stop] = pos[start]
     else:
         middle = (start + stop) // 2
-        wrong[middle : middle + 3] += size
+        wrong[middle : middle + 10] += size
     return wrong

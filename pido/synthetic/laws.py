@@ -32,12 +32,14 @@ class Setup:
     """One axis of one part, ready to be integrated.
 
     load, level : (n,), N (spindle: N·m) – what it overcomes in addition, and what its Coulomb friction has in addition
+    reaction : share of the process force (torque) that `load` already holds
     """
 
     axis: str
     drive: Drive | Spindle
     load: Float1D
     level: Float1D
+    reaction: float = 1.0
 
     @property
     def per_ampere(self) -> float:
@@ -97,7 +99,7 @@ class Load(Law):
         profile = self.profile(course, setup.axis, shape)
         if "region" in shape:
             profile = profile * inside(course, shape["region"])
-        gain = amplitude * setup.per_ampere - (1.0 if self.by_nature else 0.0)
+        gain = amplitude * setup.per_ampere - (setup.reaction if self.by_nature else 0.0)
         if self.on_friction:
             return replace(setup, level=setup.level + gain * profile)
         return replace(setup, load=setup.load + gain * profile)
@@ -107,7 +109,7 @@ class Load(Law):
         return {"k": (amplitude, self.unit), **{name: (v, name.rpartition("_")[2]) for name, v in numbers.items()}}
 
     def natural(self, setup: Setup) -> float:
-        return 1.0 / setup.per_ampere if self.by_nature else 0.0
+        return setup.reaction / setup.per_ampere if self.by_nature else 0.0
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ loop to it, not by the effect's formula.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,15 +21,14 @@ from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
 from pido.core.errors import SettingsError
 from pido.core.machining import Machine
-from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.synthetic.describe import part_info
 from pido.synthetic.drive import CYCLE_S, Drive, DriveMotion, run_axis
-from pido.synthetic.effects import Effect, Effective
+from pido.synthetic.effects import Effective
 from pido.synthetic.faults import CURRENT_FAULTS, faulty_current, faulty_signal
 from pido.synthetic.laws import Setup
 from pido.synthetic.parts import Course, History, PartJob, plan_course
-from pido.synthetic.sensors import Sensors, box, derivative, quantised, smoothed, wrapped
+from pido.synthetic.sensors import Sensors, derivative, quantised, smoothed, wrapped
 from pido.synthetic.spindle import Spindle, run_spindle
 
 RATES_HZ = (50.0, 500.0)
@@ -37,25 +36,34 @@ RATES_HZ = (50.0, 500.0)
 
 @dataclass(frozen=True)
 class VirtualMill:
-    """machine: limits; drives: per linear axis; thermal_share: by how much Coulomb friction falls when warm."""
+    """machine: limits; drives: per linear axis; thermal_share: by how much Coulomb friction falls when warm.
+
+    reaction: share of the simulated process force that the drives feel. Forces are those of one tooth at its mean chip (paper,
+    section III-B), which over the engagement and with the published coefficients is several times the mean force.
+    """
 
     machine: Machine
     drives: Mapping[str, Drive]
     spindle: Spindle
     sensors: Sensors
+    reaction: float = 0.3
     thermal_share: float = 0.05
     thermal_s: float = 900.0
 
     def __post_init__(self) -> None:
         missing = set(LINEAR_AXES) - set(self.drives) | set(AXES) - set(self.sensors.current)
         if missing:
-            raise SettingsError(f"virtual mill {self.machine.id}: no drive or current sensor for {', '.join(sorted(missing))}.")
+            raise SettingsError(
+                f"virtual mill {self.machine.id}: no drive or current sensor for {', '.join(sorted(missing))}."
+            )
         for axis in LINEAR_AXES:
             self.drives[axis].check(axis)
         self.spindle.check()
         self.sensors.check()
         if not 0 <= self.thermal_share < 1 or not self.thermal_s > 0:
             raise SettingsError("thermal_share must lie in 0..1 and thermal_s above 0.")
+        if not self.reaction >= 0:
+            raise SettingsError(f"reaction = {self.reaction:g} is negative.")
 
     def plan(self, jobs: Sequence[PartJob]) -> list[Course]:
         """The courses of parts that are made one after another; each knows what was before it."""
@@ -70,10 +78,11 @@ class VirtualMill:
         """One axis as the machine is by nature."""
         n = len(course)
         if axis == "sp":
-            return Setup(axis, self.spindle, course.torque * np.tanh(course.v_sp / 60.0), np.zeros(n))
+            cut = self.reaction * course.torque * np.tanh(course.v_sp / 60.0)
+            return Setup(axis, self.spindle, cut, np.zeros(n), self.reaction)
         drive = self.drives[axis]
         cooler = -self.thermal_share * drive.coulomb_n * course.warmth(self.thermal_s)
-        return Setup(axis, drive, -course.force[axis], cooler)
+        return Setup(axis, drive, -self.reaction * course.force[axis], cooler, self.reaction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +156,12 @@ def _with(mill: VirtualMill, course: Course, axis: str, effects: Sequence[Effect
 
 
 def _one(
-    mill: VirtualMill, course: Course, effects: tuple[Effective, ...], rng: np.random.Generator, rate_hz: float, sim: bool
+    mill: VirtualMill,
+    course: Course,
+    effects: tuple[Effective, ...],
+    rng: np.random.Generator,
+    rate_hz: float,
+    sim: bool,
 ) -> Produced:
     columns: dict[str, Array1D] = {"time": course.time}
     noise: dict[str, Float1D] = {}
@@ -174,27 +188,33 @@ def _one(
                 written = faulted
         noise[axis] = written - clean[axis]
         columns |= _motion_columns(axis, pos) | {CURRENT[axis]: written}
-    faulty = []
-    for e in effects:
-        if e.effect.id == "input_fault" and e.shape["part"] == course.job.name:
-            clean_v, clean_a = columns[VELOCITY[e.effect.axis]], columns[ACCELERATION[e.effect.axis]]
-            columns |= _wrong_input(columns, e)
-            shift = _imagined(mill, e.effect.axis, columns, clean_v, clean_a)
-            expected[e.effect.axis] = expected[e.effect.axis] + shift
-            faulty.append({"axis": e.effect.axis, "t_start": e.shape["t_start"], "t_end": e.shape["t_end"]})
+    wrong = [e for e in effects if e.effect.id == "input_fault" and e.shape["part"] == course.job.name]
+    right: dict[str, Array1D] = {"time": course.time}
+    for e in wrong:
+        a = e.effect.axis
+        right |= {name: columns[name] for name in (VELOCITY[a], ACCELERATION[a])}
+        columns |= _wrong_input(columns, e)
     columns |= {FORCE_SIM[a]: course.force[a] for a in LINEAR_AXES}
     columns |= {FORCE_SIM["sp"]: course.spindle_force, "m_sp_sim": course.torque, "mrr_sim": course.mrr}
     if sim:
         columns |= {CURRENT_SIM[a]: expected[a] for a in AXES}
     columns |= {"nc_line": course.nc_line.astype(float), "tool_id": course.tool + 1.0, "coolant": course.coolant}
     effect = {a: clean[a] - expected[a] for a in AXES}
-    single = tuple(_alone(mill, course, e, effect[e.effect.axis]) for e in effects)
+    single = tuple(_alone(mill, course, e) for e in effects)
     if rate_hz == 50.0:
-        columns = smoothed(columns)
+        columns, right = smoothed(columns), smoothed(right)
         effect, noise = ({a: at_50(v) for a, v in d.items()} for d in (effect, noise))
         single = tuple(at_50(v) for v in single)
+    for e in wrong:  # the simulation reads the file, so it is wrong at the file's rate
+        a = e.effect.axis
+        shift = _imagined(mill.drives[a], a, columns) - _imagined(mill.drives[a], a, right)
+        effect[a] = effect[a] - shift
+        single = tuple(old - shift if f is e else old for old, f in zip(single, effects, strict=True))
+        if sim:
+            columns[CURRENT_SIM[a]] = columns[CURRENT_SIM[a]] + shift
+    faulty = tuple({"axis": e.effect.axis, **{k: e.shape[k] for k in ("t_start", "t_end")}} for e in wrong)
     recording = Recording(part_info(mill.machine, course, rate_hz, float(columns["time"][-1])), wrapped(columns))
-    return Produced(recording, Truth(effects, effect, single, noise, tuple(faulty)), course.job, course)
+    return Produced(recording, Truth(effects, effect, single, noise, faulty), course.job, course)
 
 
 def at_50(values: Float1D) -> Float1D:
@@ -207,9 +227,9 @@ def _motion_columns(axis: str, pos: Float1D) -> dict[str, Array1D]:
     return {POSITION[axis]: pos, VELOCITY[axis]: v, ACCELERATION[axis]: derivative(v)}
 
 
-def _alone(mill: VirtualMill, course: Course, e: Effective, together: Float1D) -> Float1D:
-    """The current of one effect when it is the only one."""
-    return together if e.effect.id == "input_fault" else effect_current(mill, course, e)
+def _alone(mill: VirtualMill, course: Course, e: Effective) -> Float1D:
+    """The current of one effect when it is the only one; of a wrong input nothing is in the machine itself."""
+    return np.zeros(len(course)) if e.effect.id == "input_fault" else effect_current(mill, course, e)
 
 
 def effect_current(mill: VirtualMill, course: Course, e: Effective) -> Float1D:
@@ -227,16 +247,8 @@ def _wrong_input(columns: Mapping[str, Array1D], e: Effective) -> dict[str, Arra
     return _motion_columns(axis, faulty_signal(e.shape["fault"], columns[POSITION[axis]], start, stop, e.amplitude))
 
 
-def _imagined(
-    mill: VirtualMill, axis: str, columns: Mapping[str, Array1D], v: Float1D, a: Float1D
-) -> Float1D:
-    """What a simulation that was fed the wrong signal expects in addition: rigid mass, Coulomb and viscous friction."""
-    drive = mill.drives[axis]
-    inertia = (drive.motor_kg + drive.table_kg) * 1e-3
-
-    def force(v: Float1D, a: Float1D) -> Float1D:
-        v, a = box(v), box(a)
-        return inertia * a + drive.viscous * v + drive.coulomb_n * np.tanh(v / 0.05)
-
-    wrong = force(columns[VELOCITY[axis]], columns[ACCELERATION[axis]])
-    return np.clip((wrong - force(v, a)) / drive.force_per_ampere, -drive.current_max_a, drive.current_max_a)
+def _imagined(drive: Drive, axis: str, columns: Mapping[str, Array1D]) -> Float1D:
+    """What a simulation that reads speed and acceleration from the file expects: rigid mass, Coulomb, viscous friction; A."""
+    v, a = columns[VELOCITY[axis]], columns[ACCELERATION[axis]]
+    force = (drive.motor_kg + drive.table_kg) * 1e-3 * a + drive.viscous * v + drive.coulomb_n * np.tanh(v / 0.05)
+    return np.clip(force / drive.force_per_ampere, -drive.current_max_a, drive.current_max_a)

@@ -52,7 +52,9 @@ class Sensors:
     def check(self) -> None:
         """Raises SettingsError where a step or a noise is negative."""
         values = [self.encoder_mm, self.encoder_deg, self.encoder_noise_mm]
-        values += [v for s in self.current.values() for v in (s.slow_a, s.slow_s, s.white_a, s.cutting_a, s.resolution_a)]
+        values += [
+            v for s in self.current.values() for v in (s.slow_a, s.slow_s, s.white_a, s.cutting_a, s.resolution_a)
+        ]
         if min(values) < 0:
             raise SettingsError("sensors: noise and resolution cannot be negative.")
 

@@ -41,8 +41,12 @@ class Spindle:
         """Raises SettingsError that lists every constant that no spindle can have."""
         positive = ("inertia_kg_m2", "torque_per_ampere", "bandwidth", "integral_s", "current_max_a")
         not_negative = ("coulomb_nm", "viscous", "windage", "knee_a", "bend")
-        faults = [f"{name} = {getattr(self, name):g} must be above 0" for name in positive if not getattr(self, name) > 0]
-        faults += [f"{name} = {getattr(self, name):g} is negative" for name in not_negative if not getattr(self, name) >= 0]
+        faults = [
+            f"{name} = {getattr(self, name):g} must be above 0" for name in positive if not getattr(self, name) > 0
+        ]
+        faults += [
+            f"{name} = {getattr(self, name):g} is negative" for name in not_negative if not getattr(self, name) >= 0
+        ]
         if faults:
             raise SettingsError("spindle: this drive cannot be: " + "; ".join(faults) + ".")
 
@@ -61,7 +65,9 @@ def run_spindle(spindle: Spindle, v: Float1D, load_nm: Float1D) -> DriveMotion:
     ])  # fmt: skip
     out = _integrate(constants, np.radians(v), np.ascontiguousarray(load_nm, dtype=float), CYCLE_S, SUBSTEPS)
     inertia = out[:, 3] * s.inertia_kg_m2 / s.torque_per_ampere
-    return DriveMotion(np.degrees(out[:, 0]), np.degrees(out[:, 1]), out[:, 2] - (1 - s.inertia_share) * inertia, inertia)
+    return DriveMotion(
+        np.degrees(out[:, 0]), np.degrees(out[:, 1]), out[:, 2] - (1 - s.inertia_share) * inertia, inertia
+    )
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,7 +1,7 @@
 """Part folders of a case, as a plant would hand them over, and the truth in a folder of its own.
 
-    FOLDER/parts/<part>/recording.parquet, part.json, program.mpf
-    FOLDER/sealed/truth.json, <part>.parquet     (never inside a part folder: no reader of recordings comes by)
+FOLDER/parts/<part>/recording.parquet, part.json, program.mpf
+FOLDER/sealed/truth.json, <part>.parquet     (never inside a part folder: no reader of recordings comes by)
 """
 
 from __future__ import annotations
