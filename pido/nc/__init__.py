@@ -7,8 +7,9 @@ expressions; IF, CASE, WHILE, FOR, LOOP, REPEAT, GOTO; subprograms with paramete
 their additive forms; CYCLE81-CYCLE89, CYCLE840, POCKET3, POCKET4, HOLES1, HOLES2, MCALL; G73, G81-G89. The tables
 are in `pido.nc.words`.
 
-Refused, with line and text: RND=, CHF=, rotary axes that leave zero, CYCLE800 that turns the plane, splines, macros (#),
-and every word that is not in a table. A machine's own words that change nothing are named in `neutral`.
+Refused, with line and text: RND=, CHF=, rotary axes that leave zero, CYCLE800 that turns the plane, splines,
+macros (#), and every word that is not in a table. A machine's own words that change nothing are named in
+`neutral`.
 """
 
 from pido.nc.interpreter import interpret
