@@ -21,6 +21,7 @@ from pido.core.machining import Machine
 from pido.core.samples import Samples
 from pido.equations.rows import accumulate, patterns, stack, width
 from pido.equations.terms import TermSet
+from pido.equations.weights import in_threads
 from pido.feature_space.grid import EQUATION_GRID, Grid
 
 # A sum s is hi + lo, hi a multiple of 2^-16 and lo of 2^-64. Both are whole numbers below 2^53 of their quantum, so
@@ -124,7 +125,8 @@ class Moments:
         starts = np.r_[np.flatnonzero(np.r_[True, key[1:] != key[:-1]]), len(key)] if len(key) else np.zeros(1, int)
         sums = np.empty((len(starts) - 1, self._hi.shape[1]))
         if len(key):
-            accumulate(stack(design, samples.currents)[order], starts, len(self.terms), sums)
+            z = stack(design, samples.currents)[order]
+            in_threads(lambda out: accumulate(z, starts, len(self.terms), out), [sums], size=sums.size)
             sums[:, -3:] = np.add.reduceat(points[order], starts[:-1], axis=0)
         if np.abs(sums).max(initial=0.0) > _LIMIT:
             entry = self.terms.names[int(np.abs(design).max(axis=0).argmax())]

@@ -10,11 +10,12 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeVar
 
 import numba
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.errors import FitError
@@ -110,14 +111,20 @@ def weighted_sums(
 
 
 def in_threads(work: Callable[[T], None], shares: list[T], size: int) -> None:
-    """`work` on each share, at once where the task is large (`size` operations). Threads and the look at BLAS cost some
-    milliseconds, and far more on a busy machine: small tasks run where they are."""
-    if size < 1e8 or len(shares) == 1:
-        for share in shares:
-            work(share)
-        return
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(len(shares)) as pool:
-        list(pool.map(work, shares))
+    """`work` on each share, at once where the task is large (`size` operations), with one BLAS thread each: two pools
+    of threads on the same cores wait for each other, on a busy machine for longer than the work takes."""
+    with _blas().limit(limits=1, user_api="blas"):
+        if size < 1e8 or len(shares) == 1:
+            for share in shares:
+                work(share)
+            return
+        with ThreadPoolExecutor(len(shares)) as pool:
+            list(pool.map(work, shares))
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()  # looking for the libraries takes milliseconds, setting their limits microseconds
 
 
 def _add_share(
