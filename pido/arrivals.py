@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pido.core.errors import StoreError
-from pido.workspace import arrival_digest
+from pido.workspace import arrival_digest, digest_of
 
 UNFINISHED = (".part", ".partial", ".filepart", ".tmp", ".crdownload", ".swp", "~")
 """Endings under which copying programs write until they are done."""
@@ -107,8 +107,13 @@ def _state(path: Path) -> tuple[tuple[str, int, int, int], ...] | None:
 
 
 def _digest(path: Path) -> str:
-    """The digest, or '' while the file cannot be read yet (it may still be locked by its writer)."""
+    """The digest, or '' while the file cannot be read yet (it may still be locked by its writer).
+
+    What is refused for what it is (a link inside) is handed on under a digest of its name: whoever takes it says why.
+    """
     try:
         return arrival_digest(path)
+    except StoreError:
+        return digest_of(["refused", str(path)])
     except OSError:
         return ""

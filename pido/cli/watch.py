@@ -52,9 +52,10 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
         stirred.clear()
         arrived, waiting = watched.look()
         take(arrived)
-        if once and not waiting:
+        if once and not waiting and not any(path.path.exists() for path in arrived):
             return
-        stirred.wait(min(workspace.settings.settle_s, 1.0) if waiting else workspace.settings.scan_s)
+        soon = waiting or any(path.path.exists() for path in arrived)
+        stirred.wait(min(workspace.settings.settle_s, 1.0) if soon else workspace.settings.scan_s)
 
 
 def _in_this_process(workspace: Workspace, machine: str | None) -> Callable[[list[Arrived]], None]:

@@ -107,7 +107,6 @@ def _write(
     run_id = run.info.run_id
     with mlflow.start_run(run_id=run_id):
         mlflow.log_params({name: _param(value) for name, value in flat(summary["settings"]).items()})
-        mlflow.log_metrics(_metrics(summary))
         _log_data(workspace, files)
         with tempfile.TemporaryDirectory() as folder:
             for name, figure in figures(files).items():
@@ -116,7 +115,9 @@ def _write(
             pd.DataFrame(table(summary["metrics"])).to_csv(Path(folder) / "errors.csv", index=False)
             (Path(folder) / "summary.json").write_text(json.dumps(summary, indent=1, sort_keys=True))
             mlflow.log_artifacts(folder, "iteration")
+        # Models before metrics: MLflow reads the history of every metric of the run again for each model it logs.
         _register(store, run_id, iteration, bundle)
+        mlflow.log_metrics(_metrics(summary))
     log.info("logged %s as MLflow run %s, version %d", summary["part"]["name"], run_id, iteration.version)
     return run_id
 

@@ -1,0 +1,137 @@
+"""The plant's settings, its compose file, backup and restore: what can be checked without starting a server."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import stat
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+from deploy import backup, postgres
+from deploy.entry import login_file
+from deploy.services import services
+from deploy.settings import DATABASES, SECRETS, load, read_env
+from pido.core.errors import PidoError
+
+ROOT = Path(__file__).parents[2]
+COMPOSE = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
+
+
+@pytest.fixture
+def settings(tmp_path, monkeypatch):
+    for name in SECRETS:
+        monkeypatch.delenv(name, raising=False)
+    return load(tmp_path / "plant")
+
+
+def test_the_compose_file_is_valid_under_the_compose_specification():
+    call = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec", "docker-compose.yml"]
+    done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_containers_and_processes_are_the_same_services_in_the_same_order(settings, monkeypatch):
+    monkeypatch.setattr(postgres, "command", lambda settings: ["postgres"])
+    monkeypatch.setattr(postgres, "user", lambda: None)
+    assert [s.name for s in services(settings)] == list(COMPOSE["services"])
+
+
+@pytest.mark.parametrize("name", COMPOSE["services"])
+def test_every_container_is_watched_limited_without_rights_and_not_root(name):
+    service = COMPOSE["services"][name]
+    assert service["healthcheck"]["test"]
+    assert {"cpus", "memory"} <= set(service["deploy"]["resources"]["limits"])
+    assert str(service["user"]).split(":")[0] not in ("", "0", "root")
+    assert "no-new-privileges:true" in service["security_opt"]
+    assert not service.get("privileged")
+
+
+def test_nothing_listens_beyond_this_machine_unless_asked():
+    assert read_env(ROOT / "deploy" / "plant.env")["PIDO_BIND"] == "127.0.0.1"
+    for name, service in COMPOSE["services"].items():
+        for port in service.get("ports", []):
+            assert port.startswith(("127.0.0.1:", "${PIDO_BIND:-127.0.0.1}:")), f"{name}: {port}"
+
+
+def test_no_secret_stands_in_the_repository_and_compose_asks_for_each():
+    text = (ROOT / "docker-compose.yml").read_text()
+    known = read_env(ROOT / "deploy" / "plant.env")
+    for name in SECRETS:
+        assert name not in known
+        assert f"${{{name}:?" in text
+    for service in COMPOSE["services"].values():
+        for name, value in service.get("environment", {}).items():
+            if re.search("PASSWORD|SECRET|AUTH_STRING|URI$|CONNECTION_URL", name) and "://mlflow" not in value:
+                assert "${" in value, name
+
+
+def test_both_arrangements_make_the_same_databases():
+    made = re.findall(r"CREATE DATABASE (\w+)", (ROOT / "deploy" / "databases.sql").read_text())
+    assert tuple(made) == DATABASES
+
+
+def test_missing_secrets_are_made_once_and_readable_by_the_owner_alone(settings):
+    file = settings.folder / "secrets.env"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert load(settings.folder) == settings
+    assert len({settings.postgres_password, settings.prefect_password, settings.mlflow_password}) == 3
+
+
+def test_a_port_that_is_none_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PIDO_MLFLOW_PORT", "http")
+    with pytest.raises(PidoError, match="PIDO_MLFLOW_PORT = 'http'"):
+        load(tmp_path)
+
+
+def test_a_password_with_a_per_cent_sign_survives_the_login_file():
+    import configparser
+
+    parser = configparser.ConfigParser()
+    parser.read_string(login_file("postgresql://u:a%40b@h/d", "admin"))
+    assert parser["mlflow"]["database_uri"] == "postgresql://u:a%40b@h/d"
+
+
+def test_a_backup_holds_what_was_committed_while_a_database_is_in_use(settings, tmp_path, monkeypatch):
+    monkeypatch.setattr(postgres, "dump", lambda settings, folder: None)
+    store = settings.workspace / "store"
+    store.mkdir(parents=True)
+    (store / "part.parquet").write_bytes(b"rows")
+    with sqlite3.connect(settings.workspace / "ledger.db") as db:
+        db.execute("PRAGMA journal_mode=WAL")
+        db.execute("CREATE TABLE parts(digest TEXT)")
+        db.execute("INSERT INTO parts VALUES ('abc')")
+        db.commit()
+        backup.backup(settings, tmp_path / "backup.tar")
+    db.close()
+    backup.unpack(tmp_path / "backup.tar", tmp_path / "again")
+    assert (tmp_path / "again" / "workspace" / "store" / "part.parquet").read_bytes() == b"rows"
+    copy = sqlite3.connect(tmp_path / "again" / "workspace" / "ledger.db")
+    assert copy.execute("SELECT digest FROM parts").fetchall() == [("abc",)]
+    copy.close()
+    assert load(tmp_path / "again").postgres_password == settings.postgres_password
+
+
+def test_a_backup_is_never_unpacked_over_something(settings, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("precious")
+    with pytest.raises(PidoError, match="not empty"):
+        backup.unpack(tmp_path / "any.tar", tmp_path / "full")
+
+
+def test_an_archive_that_climbs_out_of_its_folder_is_refused(tmp_path):
+    import io
+
+    evil = tmp_path / "evil.tar"
+    with tarfile.open(evil, "w") as tar:
+        entry = tarfile.TarInfo("../outside")
+        entry.size = 1
+        tar.addfile(entry, io.BytesIO(b"x"))
+    with pytest.raises(PidoError, match="not a whole backup"):
+        backup.unpack(evil, tmp_path / "place")
+    assert not (tmp_path / "outside").exists()

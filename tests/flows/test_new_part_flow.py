@@ -1,0 +1,98 @@
+"""The flow on a real local Prefect server: the same result as the plain call, rejected input, nothing left running."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from flows.demo_parts import parts as made_up
+from flows.server import prefect_server
+from pido.recordings.folder import write_folder
+from pido.tracking import bundle
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace
+
+pytestmark = pytest.mark.servers
+
+SETTINGS = "[method]\nadaptive = false\ncompare_with_model = false\n"
+
+
+@pytest.fixture(scope="module")
+def api(tmp_path_factory):
+    with prefect_server(tmp_path_factory.mktemp("prefect")) as address:
+        yield address
+
+
+def place(root: Path) -> Workspace:
+    root.mkdir()
+    (root / "inbox").mkdir()
+    (root / "workspace.toml").write_text(SETTINGS)
+    return Workspace.open(root)
+
+
+def deliver(workspace: Workspace, number: int) -> Path:
+    part = list(made_up(number))[-1].rows(slice(0, 700))
+    return write_folder(part, workspace.inbox / part.part.part)
+
+
+def flow(workspace: Workspace, *paths: Path) -> subprocess.CompletedProcess[str]:
+    """Flow runs in a process of their own, as a worker would start them."""
+    code = "import sys; from flows.new_part import new_part; [new_part(sys.argv[1], p) for p in sys.argv[2:]]"
+    call = [sys.executable, "-c", code, str(workspace.root), *map(str, paths)]
+    return subprocess.run(call, capture_output=True, text=True, check=False, env=os.environ.copy())
+
+
+def content(workspace: Workspace) -> dict:
+    last = Ledger(workspace.ledger).versions("cmx600v")[-1]
+    found = bundle.load(workspace.bundles, last.bundle).content
+    return {name: found[name] for name in ("parts", "data", "models", "equation", "limits", "seed")}
+
+
+def test_parts_through_the_flow_end_in_the_same_models_as_plain_calls(api, tmp_path):
+    flowed, plainly = place(tmp_path / "flowed"), place(tmp_path / "plain")
+    done = flow(flowed, *[deliver(flowed, number) for number in (1, 2)])
+    assert done.returncode == 0, done.stderr[-2000:]
+    given = [str(deliver(plainly, number)) for number in (1, 2)]
+    call = [sys.executable, "-m", "pido.cli", "iterate", *given, "--workspace", str(plainly.root)]
+    subprocess.run(call, check=True, capture_output=True)
+    assert content(flowed) == content(plainly)
+    assert not list(flowed.inbox.iterdir()), "what was taken in has left the inbox"
+    assert all(i.logged for i in Ledger(flowed.ledger).iterations("cmx600v"))
+    names = {t["name"].rsplit("-", 1)[0] for t in _task_runs(api)}
+    assert {"ingest", "relevant bins", "refit", "PiA and PiE", "retrain", "evaluate", "publish", "log"} <= names
+
+
+def test_a_recording_that_cannot_be_used_fails_its_run_and_lies_in_the_rejected_area(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    broken = workspace.inbox / "broken.json"
+    broken.write_text('{"Header": ')
+    assert flow(workspace, broken).returncode != 0
+    assert not broken.exists()
+    assert len(list((workspace.store / "rejected").glob("*.reason.txt"))) == 1
+    assert Ledger(workspace.ledger).machines() == []
+
+
+def test_a_server_that_was_started_is_gone_when_its_block_ends(tmp_path):
+    from flows.server import answers
+
+    with prefect_server(tmp_path / "prefect") as address:
+        assert answers(f"{address}/health")
+    start = time.monotonic()
+    while answers(f"{address}/health") and time.monotonic() - start < 5:
+        time.sleep(0.1)
+    assert not answers(f"{address}/health")
+
+
+def _task_runs(api: str) -> list[dict]:
+    request = urllib.request.Request(
+        f"{api}/task_runs/filter", data=b"{}", headers={"Content-Type": "application/json"}
+    )
+    with urllib.request.urlopen(request, timeout=10) as reply:
+        return json.load(reply)

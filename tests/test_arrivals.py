@@ -1,0 +1,131 @@
+"""Arrival: by rename, by slow copy, while nobody watched; never half, never twice, in production order."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flows.demo_parts import parts as made_up
+from pido.arrivals import Inbox, production_order
+from pido.core.errors import StoreError
+from pido.recordings.folder import write_folder
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace, arrival_digest
+
+SETTLE = 0.05
+
+
+def whole(inbox: Inbox) -> list[str]:
+    return [arrived.path.name for arrived in inbox.look()[0]]
+
+
+def test_a_file_that_grows_is_not_taken_until_it_stops(tmp_path):
+    inbox, file = Inbox(tmp_path, SETTLE), tmp_path / "part.csv"
+    for n in range(4):
+        with file.open("a") as out:
+            out.write(f"{n}\n")
+        assert whole(inbox) == []
+        time.sleep(SETTLE * 1.2)
+    assert whole(inbox) == ["part.csv"]
+
+
+def test_a_folder_whose_files_still_change_is_not_taken(tmp_path):
+    inbox, folder = Inbox(tmp_path, SETTLE), tmp_path / "p01"
+    folder.mkdir()
+    assert whole(inbox) == []
+    time.sleep(SETTLE * 1.2)
+    (folder / "recording.parquet").write_bytes(b"half")
+    assert whole(inbox) == []
+    time.sleep(SETTLE * 1.2)
+    assert whole(inbox) == ["p01"]
+
+
+@pytest.mark.parametrize("name", [".hidden", "p01.csv.part", "p01.filepart", "p01.tmp", "p01~"])
+def test_what_copying_programs_write_under_on_the_way_is_left_alone(tmp_path, name):
+    (tmp_path / name).write_text("half")
+    inbox = Inbox(tmp_path, 1e-9)
+    inbox.look()
+    assert inbox.look()[0] == []
+
+
+def test_what_came_while_nobody_watched_is_found(tmp_path):
+    (tmp_path / "before.csv").write_text("1")
+    inbox = Inbox(tmp_path, SETTLE)
+    inbox.look()
+    time.sleep(SETTLE * 1.2)
+    assert whole(inbox) == ["before.csv"]
+
+
+def test_a_clock_that_jumps_back_a_year_holds_nothing_up(tmp_path):
+    file = tmp_path / "part.csv"
+    file.write_text("1")
+    inbox = Inbox(tmp_path, SETTLE)
+    inbox.look()
+    time.sleep(SETTLE * 1.2)
+    assert whole(inbox) == ["part.csv"]
+    os.utime(file, (1.0, 1.0))  # the same bytes under another time are looked at again
+    assert whole(inbox) == []
+
+
+@given(st.permutations([f"part {n}" for n in range(1, 13)]))
+def test_parts_without_an_order_are_taken_by_the_numbers_in_their_names(names):
+    ordered = sorted((Path("inbox") / name for name in names), key=production_order)
+    assert [p.name for p in ordered] == [f"part {n}" for n in range(1, 13)]
+
+
+def test_the_order_in_part_json_goes_over_the_name(tmp_path):
+    for name, order in (("a", 2), ("b", 1)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "part.json").write_text(json.dumps({"part": name, "machine": "m", "order": order}))
+    assert sorted([tmp_path / "a", tmp_path / "b"], key=production_order) == [tmp_path / "b", tmp_path / "a"]
+
+
+def test_the_digest_of_an_arrival_is_that_of_its_bytes(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "recording.parquet").write_bytes(b"content")
+    assert arrival_digest(tmp_path / "one") == arrival_digest(tmp_path / "two")
+    (tmp_path / "two" / "recording.parquet").write_bytes(b"Content")
+    assert arrival_digest(tmp_path / "one") != arrival_digest(tmp_path / "two")
+
+
+def test_a_symbolic_link_is_refused_not_followed(tmp_path):
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "recording.parquet").symlink_to("/etc/hostname")
+    with pytest.raises(StoreError, match="symbolic link"):
+        arrival_digest(tmp_path / "p")
+
+
+def test_a_part_with_a_link_in_it_does_not_stop_the_watch(tmp_path):
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "recording.parquet").symlink_to("/etc/hostname")
+    (tmp_path / "good.csv").write_text("1")
+    inbox = Inbox(tmp_path, SETTLE)
+    inbox.look()
+    time.sleep(SETTLE * 1.2)
+    assert sorted(whole(inbox)) == ["good.csv", "p"]
+
+
+def test_a_watched_inbox_is_emptied_each_part_counted_once_and_bad_input_put_aside(tmp_path):
+    root = tmp_path / "plant"
+    (root / "inbox").mkdir(parents=True)
+    (root / "workspace.toml").write_text("settle_s = 0.1\n[method]\nadaptive = false\ncompare_with_model = false\n")
+    part = next(made_up(1)).rows(slice(0, 600))
+    for name in ("first", "the same under another name"):
+        write_folder(part, root / "inbox" / name)
+    (root / "inbox" / "torn.json").write_text('{"Header": ')
+    call = [sys.executable, "-m", "pido.cli", "watch", str(root / "inbox"), "--workspace", str(root), "--once"]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    workspace = Workspace.open(root)
+    assert list((root / "inbox").iterdir()) == []
+    assert len(Ledger(workspace.ledger).parts("cmx600v")) == 1
+    assert [a.name for a in Ledger(workspace.ledger).rejections()] == ["torn.json"]
