@@ -7,6 +7,7 @@ Out: alarms and a verdict. An alarm lasts from the start of the first window tha
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ import numpy as np
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
 from pido.monitoring.band import Band, standardise
-from pido.monitoring.residuals import PartResiduals, window_samples
+from pido.monitoring.residuals import PartResiduals, window_mean, window_samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,60 +35,66 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A part is good where it has no alarm. `unwatched` axes have no band or no recording."""
+    """A part is good where it has no alarm. `unwatched` axes have no band or no recording; `judged` is the share of the
+    part's windows that the others could be judged on, the rest being unlike anything that was seen before."""
 
     part: str
     good: bool
     alarms: tuple[Alarm, ...]
     unwatched: tuple[str, ...]
+    judged: float = 1.0
 
 
 def judge(part: PartResiduals, band: Band) -> Verdict:
     """All alarms of a part, in order of time."""
     alarms: list[Alarm] = []
-    watched = [a for a in band.levels if np.isfinite(part.residual[:, AXES.index(a)]).any()]
+    watched = [a for a in band.axes if np.isfinite(part.residual[:, AXES.index(a)]).any()]
+    shares = []
     for axis in watched:
         z = standardise(part, axis, band)
+        there = np.isfinite(
+            window_mean(part.residual[:, AXES.index(axis)], window_samples(part.rate_hz, band.window_s))
+        )
+        shares.append(np.isfinite(z).sum() / max(there.sum(), 1))
         with np.errstate(invalid="ignore"):
             outside = np.abs(z) > band.threshold
         alarms += [
             _alarm(part, axis, run, z, band) for run in _runs(outside, window_samples(part.rate_hz, band.window_s))
         ]
     alarms.sort(key=lambda a: a.t_start)
-    return Verdict(part.part, not alarms, tuple(alarms), tuple(a for a in AXES if a not in watched))
+    unwatched = tuple(a for a in AXES if a not in watched)
+    return Verdict(part.part, not alarms, tuple(alarms), unwatched, float(np.mean(shares)) if shares else 0.0)
 
 
 class Watch:
     """One part, sample by sample: constant work and memory per sample."""
 
-    def __init__(self, band: Band, rate_hz: float) -> None:
+    def __init__(self, band: Band, rate_hz: float, program: str = "") -> None:
         self._band = band
+        self._program = program
         self._width = window_samples(rate_hz, band.window_s)
-        self._last = {axis: deque[float](maxlen=self._width) for axis in band.levels}
-        self._sum = dict.fromkeys(band.levels, 0.0)
+        self._last = {axis: deque[tuple[float, float]](maxlen=self._width) for axis in band.axes}
 
-    def push(self, residual: dict[str, float], tool: str, block: int) -> dict[str, float]:
+    def push(self, residual: dict[str, float], tool: str, block: int, doubt: float | None = None) -> dict[str, float]:
         """Axes that are outside the band at this sample, each with its window mean beyond the centre in spreads.
 
         residual : per axis, A; NaN (or an axis left out) starts its window afresh
+        doubt : distance of the sample from the training rows; None: the usual one
         """
         outside = {}
         for axis, last in self._last.items():
             value = residual.get(axis, np.nan)
-            if not np.isfinite(value):
+            if not math.isfinite(value):
                 last.clear()
-                self._sum[axis] = 0.0
                 continue
-            if len(last) == self._width:
-                self._sum[axis] -= last[0]
-            last.append(value)
-            self._sum[axis] += value
+            last.append((value, math.nan if doubt is None else doubt))
             if len(last) < self._width:
                 continue
-            level = self._band.level(axis, tool, block)
-            z = (self._sum[axis] / self._width - level.centre) / level.spread
-            if abs(z) > self._band.threshold:
-                outside[axis] = z
+            # Summed anew: a running sum drifts over a shift, and a window is a few dozen numbers.
+            mean, away = (math.fsum(values) / self._width for values in zip(*last, strict=True))
+            low, high = self._band.limits(axis, tool, block, self._program, None if math.isnan(away) else away)
+            if not low <= mean <= high and math.isfinite(low):
+                outside[axis] = self._band.threshold * (2 * mean - low - high) / (high - low)
         return outside
 
 
@@ -104,9 +111,13 @@ def _runs(outside: Bool1D, join: int) -> list[slice]:
 
 
 def _alarm(part: PartResiduals, axis: str, run: slice, z: Float1D, band: Band) -> Alarm:
+    width = window_samples(part.rate_hz, band.window_s)
     worst = run.start + int(np.nanargmax(np.abs(z[run])))
     tool, block = str(part.tool[worst]), int(part.block[worst])
-    first = max(0, run.start - window_samples(part.rate_hz, band.window_s) + 1)
+    at = None if part.doubt is None else float(window_mean(part.doubt, width)[worst])
+    low, high = band.limits(axis, tool, block, part.program, at)
+    spread = (high - low) / (2 * band.threshold)
+    first = max(0, run.start - width + 1)
     return Alarm(
         part=part.part,
         axis=axis,
@@ -114,6 +125,6 @@ def _alarm(part: PartResiduals, axis: str, run: slice, z: Float1D, band: Band) -
         t_end=float(part.time[run.stop - 1]),
         tool=tool,
         block=block,
-        size_a=float(z[worst] * band.level(axis, tool, block).spread),
+        size_a=float(z[worst] * spread),
         spreads=float(z[worst]),
     )

@@ -1,14 +1,17 @@
-"""How far a window's mean residual may lie from nothing: per axis, tool and NC block, honest from the first part on.
+"""How far a window's mean residual may lie from nothing: honest from the first part on, narrower as parts are added.
 
 In:  residuals of good parts on which the model had not been trained.
-Out: a Band: a centre and a spread for each tool and NC block, shrunk towards the tool's and the axis' own where few
-     windows were seen, and one threshold in units of that spread.
+Out: a Band: per axis a factor by distance from the training rows, a centre and a spread for each tool (and NC block,
+     where that says more), shrunk towards the tool's and the axis' own where few windows were seen, and one threshold
+     in units of that spread.
 
 The threshold is the level that the largest window of a part exceeds in `tolerate` of 100 good parts. Few parts cannot
-show such a level, so it is extrapolated: maxima over stretches of STRETCH_S are near to independent, a generalised
+show such a level, so it is extrapolated: maxima over stretches of STRETCH_S are near to independent, and a generalised
 Pareto law (Pickands 1975; Coles, An Introduction to Statistical Modeling of Extreme Values, ch. 4) is fitted to the
-upper half of them, and parts differ from one another, which K parts show only roughly: the spread between parts enters
-with its prior, and the threshold grows by Student's t with K degrees of freedom. It narrows as parts are added.
+upper half of their squares. Squares, because those of a Gaussian have exactly the law's exponential tail, while its own
+tail is lighter than any Pareto law and the extrapolation would overshoot. Parts differ from one another, which K parts
+show only roughly: the spread between parts enters with its prior, and the threshold grows by Student's t with K degrees
+of freedom.
 """
 
 from __future__ import annotations
@@ -19,9 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Array1D, Float1D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
+from pido.monitoring.doubt import FLAT, Growth, growth
 from pido.monitoring.residuals import WINDOW_S, PartResiduals, window_mean, window_samples
 
 STRETCH_S = 5.0
@@ -31,52 +35,88 @@ PRIOR_WINDOWS = 8.0
 PRIOR_PARTS = 3.0
 PRIOR_SPREAD = 0.15
 """Before parts were seen: their log spreads differ by this much, as if that had been found on PRIOR_PARTS parts."""
-LONGEST_TAIL = 0.3
+LONGEST_TAIL = 0.5
 """Shape of the Pareto tail above which a fit to few maxima is not believed."""
+MOST_PARTS = 20
+"""The newest parts decide: a machine changes, and a verdict has to be quick."""
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """Centre and spread of a window's mean residual, A."""
+    """Centre and spread of a window's mean residual at the usual distance from the training rows, A."""
 
     centre: float
     spread: float
 
 
-_AxisLevels = dict[tuple[str | None, int | None], Level]
-_Levels = dict[str, _AxisLevels]
+Place = tuple[str | None, str | None, int | None]
+"""Tool, program, NC block; None stands for any."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class AxisBand:
+    """levels: per place; a block not seen before falls back to its tool, a tool not seen before to the axis."""
+
+    levels: dict[Place, Level]
+    growth: Growth = FLAT
+
+    def level(self, tool: str, block: int, program: str = "") -> Level:
+        """The closest level that was learnt for this tool and NC block."""
+        known = self.levels
+        return known.get((tool, program, block)) or known.get((tool, None, None)) or known[(None, None, None)]
+
+
+@dataclass(frozen=True, eq=False)
 class Band:
-    """levels: per axis and (tool, block); a block not seen before falls back to (tool, None), then (None, None)."""
+    """axes: what was learnt per axis that was recorded; blocks: whether NC blocks have levels of their own."""
 
-    levels: _Levels
+    axes: dict[str, AxisBand]
     threshold: float  # in spreads, the same on every axis
     parts: int
     tolerate: float  # false alarms per 100 parts, all axes together
     window_s: float = WINDOW_S
+    blocks: bool = False
 
-    def level(self, axis: str, tool: str, block: int) -> Level:
-        """The closest level that was learnt for this tool and NC block."""
-        known = self.levels[axis]
-        for key in ((tool, block), (tool, None)):
-            if key in known:
-                return known[key]
-        return known[(None, None)]
+    def limits(
+        self, axis: str, tool: str, block: int, program: str = "", doubt: float | None = None
+    ) -> tuple[float, float]:
+        """Lowest and highest window mean of the residual that passes, A; NaN where nothing can be said.
 
-    def limits(self, axis: str, tool: str, block: int) -> tuple[float, float]:
-        """Lowest and highest window mean of the residual that passes, A."""
-        level, reach = self.level(axis, tool, block), self.threshold
-        return level.centre - reach * level.spread, level.centre + reach * level.spread
+        doubt : distance from the training rows; None: the usual one
+        """
+        one = self.axes[axis]
+        level, reach = one.level(tool, block, program), self.threshold
+        factor = 1.0 if doubt is None else float(one.growth(np.array([doubt]))[0])
+        return factor * (level.centre - reach * level.spread), factor * (level.centre + reach * level.spread)
+
+
+@dataclass(frozen=True, eq=False)
+class _Windows:
+    """One part's window means on one axis, with what they are judged by."""
+
+    mean: Float1D
+    tool: Array1D
+    block: Int1D
+    program: str
+    doubt: Float1D | None
+    width: int
+    rate_hz: float
+
+    def side_by_side(self) -> _Windows:
+        """Two per window width: nearly all that is to be known, at a fraction of the cost."""
+        step = max(1, self.width // 2)
+        doubt = None if self.doubt is None else self.doubt[::step]
+        return _Windows(
+            self.mean[::step], self.tool[::step], self.block[::step], self.program, doubt, step, self.rate_hz
+        )
 
 
 def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float = WINDOW_S) -> Band:
-    """A band from residuals of good parts.
+    """A band from residuals of good parts, in production order.
 
     Parameters
     ----------
-    parts : residuals on which the model had not been trained, one part at least
+    parts : residuals on which the model had not been trained, one part at least; the last MOST_PARTS are used
     tolerate : false alarms per 100 good parts, all axes together, 0 < tolerate < 100
     window_s : s, shortest change to be seen
 
@@ -86,46 +126,77 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
         raise FitError("A band needs the residuals of at least one good part on which the model was not trained.")
     if not 0 < tolerate < 100:
         raise FitError(f"tolerate is {tolerate}: false alarms per 100 parts, so more than 0 and less than 100.")
-    means: dict[str, list[Float1D]] = {}
-    for i, axis in enumerate(AXES):
-        of_axis = [window_mean(p.residual[:, i], window_samples(p.rate_hz, window_s)) for p in parts]
-        if any(np.isfinite(m).any() for m in of_axis):
-            means[axis] = of_axis
-    if not means:
+    parts = parts[-MOST_PARTS:]
+    windows: dict[str, list[_Windows]] = {}
+    for axis in AXES:
+        of_axis = [_windows(p, axis, window_s) for p in parts]
+        seen = [w for w in of_axis if np.isfinite(w.mean).any()]
+        if seen:
+            windows[axis] = seen
+    if not windows:
         raise FitError("No axis has residuals over a whole window: record at least a few seconds without gaps.")
-    levels = {axis: _levels(parts, of_axis) for axis, of_axis in means.items()}
-    return Band(levels, _threshold(parts, means, levels, tolerate / 100.0), len(parts), tolerate, window_s)
+    chance = tolerate / 100.0
+    bands = []
+    # Blocks with levels of their own pay where the same program comes again; other parts say whether that is so.
+    for blocks in (False, True) if len(parts) > 1 else (False,):
+        axes = {axis: _fit(of_axis, blocks) for axis, of_axis in windows.items()}
+        threshold = _threshold(windows, axes, blocks, len(parts), chance)
+        bands.append(Band(axes, threshold, len(parts), tolerate, window_s, blocks))
+    return min(bands, key=lambda band: _width(band, windows))
 
 
 def standardise(part: PartResiduals, axis: str, band: Band) -> Float1D:
-    """(n,): window means of the residual in spreads of their own tool and NC block."""
-    means = window_mean(part.residual[:, AXES.index(axis)], window_samples(part.rate_hz, band.window_s))
-    return _standardised(part, means, band.levels[axis])
+    """(n,): window means of the residual in spreads of their own place and distance; NaN where there is no whole window,
+    or the part is too far from anything that was seen."""
+    return _standardised(_windows(part, axis, band.window_s), band.axes[axis])
 
 
-def _levels(parts: Sequence[PartResiduals], means: list[Float1D], window_s: float = WINDOW_S) -> _AxisLevels:
-    values = np.concatenate(means)
-    tools = np.concatenate([p.tool.astype(str) for p in parts])
-    blocks = np.concatenate([p.block for p in parts])
-    # Overlapping windows say little new: count them by how many would stand side by side.
-    side_by_side = np.concatenate([np.full(len(p.time), 1.0 / window_samples(p.rate_hz, window_s)) for p in parts])
+def corridor(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D]:
+    """(n,), (n,), A: lowest and highest current whose window mean would pass, around the prediction."""
+    windows = _windows(part, axis, band.window_s)
+    centre, spread = _scales(windows, band.axes[axis])
+    said = window_mean(part.predicted[:, AXES.index(axis)], windows.width)
+    return said + centre - band.threshold * spread, said + centre + band.threshold * spread
+
+
+def _windows(part: PartResiduals, axis: str, window_s: float) -> _Windows:
+    width = window_samples(part.rate_hz, window_s)
+    doubt = None if part.doubt is None else window_mean(part.doubt, width)
+    mean = window_mean(part.residual[:, AXES.index(axis)], width)
+    return _Windows(mean, part.tool.astype(str), part.block, part.program, doubt, width, part.rate_hz)
+
+
+def _fit(parts: Sequence[_Windows], blocks: bool) -> AxisBand:
+    few = [w.side_by_side() for w in parts]
+    curve = FLAT
+    if all(w.doubt is not None for w in few):
+        doubt = np.concatenate([w.doubt for w in few if w.doubt is not None])
+        curve = growth(doubt, np.abs(np.concatenate([w.mean for w in few])))
+    values = np.concatenate([w.mean / _factor(w, curve) for w in few])
     seen = np.isfinite(values)
-    values, tools, blocks, side_by_side = values[seen], tools[seen], blocks[seen], side_by_side[seen]
+    tools = np.concatenate([w.tool for w in few])[seen]
+    names = np.concatenate([np.full(len(w.mean), w.program, object) for w in few])[seen]
+    block = np.concatenate([w.block for w in few])[seen]
+    values = values[seen]
     overall = _robust(values)
-    levels: _AxisLevels = {(None, None): overall}
+    levels: dict[Place, Level] = {(None, None, None): overall}
     for tool in np.unique(tools):
-        of_tool = tools == tool
-        levels[(tool, None)] = _shrunk(values[of_tool], side_by_side[of_tool].sum(), overall)
-        order = np.argsort(blocks[of_tool], kind="stable")
-        sorted_blocks, sorted_values = blocks[of_tool][order], values[of_tool][order]
-        weights = side_by_side[of_tool][order]
-        names, starts = np.unique(sorted_blocks, return_index=True)
-        for block, one, w in zip(
-            names, np.split(sorted_values, starts[1:]), np.split(weights, starts[1:]), strict=True
-        ):
-            if block >= 0:
-                levels[(tool, int(block))] = _shrunk(one, w.sum(), levels[(tool, None)])
-    return levels
+        mine = tools == tool
+        levels[(str(tool), None, None)] = of_tool = _shrunk(values[mine], 0.5 * mine.sum(), overall)
+        if not blocks:
+            continue
+        for program in np.unique(names[mine].astype(str)):
+            there = mine & (names == program)
+            order = np.argsort(block[there], kind="stable")
+            numbers, starts = np.unique(block[there][order], return_index=True)
+            for number, one in zip(numbers, np.split(values[there][order], starts[1:]), strict=True):
+                if number >= 0:
+                    levels[(str(tool), str(program), int(number))] = _shrunk(one, 0.5 * len(one), of_tool)
+    return AxisBand(levels, curve)
+
+
+def _factor(windows: _Windows, curve: Growth) -> Float1D:
+    return np.ones_like(windows.mean) if windows.doubt is None else curve(windows.doubt)
 
 
 def _robust(values: Float1D) -> Level:
@@ -145,50 +216,65 @@ def _shrunk(values: Float1D, windows: float, towards: Level) -> Level:
     return Level(centre, float(np.sqrt(variance + unknown)))
 
 
-def _standardised(part: PartResiduals, means: Float1D, levels: dict[tuple[str | None, int | None], Level]) -> Float1D:
-    tools, tool_code = np.unique(part.tool.astype(str), return_inverse=True)
-    pairs, which = np.unique(np.column_stack([tool_code, part.block]), axis=0, return_inverse=True)
-    found = [
-        levels.get((str(tools[t]), int(b)), levels.get((str(tools[t]), None), levels[(None, None)])) for t, b in pairs
+def _scales(windows: _Windows, axis: AxisBand) -> tuple[Float1D, Float1D]:
+    """(n,), (n,), A: centre and spread of every window."""
+    tools, tool_code = np.unique(windows.tool, return_inverse=True)
+    pairs, which = np.unique(np.column_stack([tool_code, windows.block]), axis=0, return_inverse=True)
+    found = [axis.level(str(tools[t]), int(b), windows.program) for t, b in pairs]
+    centre, spread = np.array([(level.centre, level.spread) for level in found]).reshape(-1, 2).T
+    factor = _factor(windows, axis.growth)
+    return centre[which.ravel()] * factor, spread[which.ravel()] * factor
+
+
+def _standardised(windows: _Windows, axis: AxisBand) -> Float1D:
+    centre, spread = _scales(windows, axis)
+    return (windows.mean - centre) / spread
+
+
+def _width(band: Band, windows: dict[str, list[_Windows]]) -> float:
+    """Mean log width over the windows that were seen: which of two bands is the narrower one."""
+    widths = [
+        np.nanmean(np.log(_scales(w.side_by_side(), band.axes[axis])[1]))
+        for axis, all_ in windows.items()
+        for w in all_
     ]
-    centre, spread = np.array([(level.centre, level.spread) for level in found]).T
-    return (means - centre[which]) / spread[which]
+    return float(np.log(band.threshold) + np.mean(widths))
 
 
 def _threshold(
-    parts: Sequence[PartResiduals], means: dict[str, list[Float1D]], levels: _Levels, chance: float
+    windows: dict[str, list[_Windows]], axes: dict[str, AxisBand], blocks: bool, parts: int, chance: float
 ) -> float:
     """In spreads: what the largest window of a part, over all axes, exceeds with this chance."""
-    maxima, log_spreads = [], []
-    for axis, of_axis in means.items():
-        for k, (part, mean) in enumerate(zip(parts, of_axis, strict=True)):
+    maxima: list[float] = []
+    log_spreads: list[float] = []
+    for axis, of_axis in windows.items():
+        for k, part in enumerate(of_axis):
             # A part may not have had a say in its own levels: with others at hand, they judge it.
-            others = [j for j in range(len(parts)) if j != k and np.isfinite(of_axis[j]).any()]
-            judged_by = _levels([parts[j] for j in others], [of_axis[j] for j in others]) if others else levels[axis]
-            z = np.abs(_standardised(part, mean, judged_by))
+            others = [w for j, w in enumerate(of_axis) if j != k]
+            z = np.abs(_standardised(part, _fit(others, blocks) if others else axes[axis]))
             stretch = max(1, round(part.rate_hz * STRETCH_S))
             pieces = np.array_split(z, max(1, len(z) // stretch))
             own = [float(np.nanmax(piece)) for piece in pieces if np.isfinite(piece).any()]
             maxima += own
             if own:
-                log_spreads.append(np.log(max(float(np.median(own)), 1e-9)))
-    level = _exceeded_with(np.array(maxima), 1.0 - (1.0 - chance) ** (len(parts) / len(maxima)))
+                log_spreads.append(float(np.log(max(np.median(own), 1e-9))))
+    level = np.sqrt(_exceeded_with(np.array(maxima) ** 2, 1.0 - (1.0 - chance) ** (parts / len(maxima))))
     # How much wider the next part may be than those seen: one in ten is wider than this. Student's t, because the
     # spread between parts is itself estimated from few.
     known = len(log_spreads) - 1
     squares = float(np.var(log_spreads) * len(log_spreads))
     between = np.sqrt((squares + PRIOR_PARTS * PRIOR_SPREAD**2) / (known + PRIOR_PARTS))
-    wider = stats.t.ppf(0.9, df=known + PRIOR_PARTS) * between * np.sqrt(1.0 / len(parts))
+    wider = stats.t.ppf(0.9, df=known + PRIOR_PARTS) * between * np.sqrt(1.0 / parts)
     return float(level * np.exp(wider))
 
 
-def _exceeded_with(maxima: Float1D, chance: float) -> float:
-    """Level that one stretch's maximum exceeds with this chance."""
-    base = float(np.median(maxima))
-    excess = maxima[maxima > base] - base
+def _exceeded_with(squares: Float1D, chance: float) -> float:
+    """Level that one stretch's squared maximum exceeds with this chance."""
+    base = float(np.median(squares))
+    excess = squares[squares > base] - base
     if len(excess) < 8:
         # Too few to fit a tail: that of a Gaussian's maximum, at the size that was seen.
-        return base * float(stats.norm.isf(chance / 2) / stats.norm.isf(0.25))
+        return base * float(stats.norm.isf(chance / 2) / stats.norm.isf(0.25)) ** 2
     # Probability-weighted moments (Hosking & Wallis 1987): closed form, and steady on a few dozen maxima.
     excess = np.sort(excess)
     below = (np.arange(1, len(excess) + 1) - 0.35) / len(excess)

@@ -1,6 +1,7 @@
 """What the monitor looks at: recorded minus predicted current, averaged over a short window.
 
-In:  recorded and predicted currents of one part, with tool and NC block of each sample.
+In:  recorded and predicted currents of one part, with tool and NC block of each sample, and how far each sample lies
+     from what the model was trained on (`pido.monitoring.doubt`).
 Out: PartResiduals; window means of them, whose noise is smaller by the root of the window and which see a load change
      as soon as it has lasted as long as the window.
 """
@@ -21,7 +22,8 @@ WINDOW_S = 0.5
 
 @dataclass(frozen=True, eq=False)
 class PartResiduals:
-    """One part. residual (n, 4), A – recorded minus predicted, NaN where an axis has no recording or is masked."""
+    """One part. residual (n, 4), A – recorded minus predicted, NaN where an axis has no recording, the model says nothing
+    (no tool engaged), or the sample is masked."""
 
     part: str
     time: Float1D
@@ -29,6 +31,10 @@ class PartResiduals:
     predicted: Float2D
     tool: Array1D  # (n,), identifier of the tool in the spindle, '' where unknown
     block: Int1D  # (n,), index of the NC block, -1 where unknown
+    doubt: Float1D | None = (
+        None  # (n,), –, distance from the training rows, 0 where they are; None: the same everywhere
+    )
+    program: str = ""  # blocks of two parts are the same block only under the same program
 
     def __post_init__(self) -> None:
         n = len(self.time)
