@@ -20,18 +20,18 @@ def worn_horizontal(machine: Machine | None = None) -> VirtualMill:
         machine=machine or config.machine("dmc60h"),
         drives={
             "x": Drive(900, 800, 450, coulomb_n=205, stribeck_n=60, stribeck_mm_s=1.0, viscous=1.4, lost_motion_mm=0.003,
-                       ripple_n=8, ripple_mm=21.0),
+                       ripple_n=8, ripple_mm=21.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
             "y": Drive(1000, 900, 480, coulomb_n=200, stribeck_n=45, stribeck_mm_s=0.6, viscous=1.5, gravity_n=-2590,
-                       lost_motion_mm=0.002, ripple_n=5, ripple_mm=20.0),
+                       lost_motion_mm=0.002, ripple_n=5, ripple_mm=20.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
             "z": Drive(1100, 1000, 450, coulomb_n=160, stribeck_n=30, stribeck_mm_s=1.2, viscous=1.3, lost_motion_mm=0.004,
-                       ripple_n=6, ripple_mm=20.0),
+                       ripple_n=6, ripple_mm=20.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
         },
         spindle=Spindle(0.055, 1.0, coulomb_nm=0.45, viscous=5e-4, windage=7e-7),
         sensors=Sensors(
             {
-                "x": CurrentSensor(0.024, 0.25, 0.08),
-                "y": CurrentSensor(0.016, 0.25, 0.06),
-                "z": CurrentSensor(0.018, 0.3, 0.07),
+                "x": CurrentSensor(0.012, 0.12, 0.08),
+                "y": CurrentSensor(0.009, 0.12, 0.055),
+                "z": CurrentSensor(0.010, 0.12, 0.06),
                 "sp": CurrentSensor(0.008, 0.3, 0.06, 0.004),
             }
         ),

@@ -32,7 +32,7 @@ _FROM_PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim", "a_p", "a_e", "phi_
 
 @dataclass(frozen=True)
 class PartJob:
-    """What is to be made. `stock` None is an air cut; `zero_mm` is where the program's origin (G54) lies in the machine.
+    """What is to be made. `stock` None is an air cut; `zero_mm` is where the origin of G54 to G57 lies in the machine.
 
     start_time_s : the machine's clock at the first sample; order : from 1
     """
@@ -140,7 +140,7 @@ def plan_course(job: PartJob, machine: Machine, history: History | None = None) 
     if job.stock is not None and job.material is None:
         raise SettingsError(f"part {job.name}: a raw part needs its material.")
     path = interpret(
-        job.program, machine=machine, tools=job.tools, start=_home(machine, job), zero_offsets={"G54": job.zero_mm}
+        job.program, machine=machine, tools=job.tools, start=_home(machine, job), zero_offsets=dict.fromkeys(("G54", "G55", "G56", "G57"), job.zero_mm)
     )
     if job.stock is not None:
         check_program(path, raw_part(job.stock, GRID_MM, machine.tool_axis), dict(job.tools), machine)
