@@ -1,10 +1,10 @@
-"""How like a real machine the virtual one is: the air cut of a DMC 60H beside an air cut of the virtual horizontal mill.
+"""How like a real machine the virtual one is: an air cut of a DMC 60H beside a virtual one.
 
     python -m benchmarks.realism --data ../shared/data --out realism.png
 
 In:  the real recording, and a virtual one of the same NC program, run three times as in the recording.
-Out: a table (noise, autocorrelation, what plain friction leaves), one figure, and the score of a classifier that is told to
-     tell real from virtual windows of motion and current (0.5: it cannot, 1: it always can), trained on one half of the time.
+Out: a table (noise, autocorrelation, what plain friction leaves), one figure, and the score of a classifier that is to
+     tell real from virtual windows of current (0.5: it cannot, 1: it always can), trained on one half of the time.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _period(v: np.ndarray) -> int:
 
 
 def windows(columns: dict[str, np.ndarray]) -> np.ndarray:
-    """(m, features): statistics of windows of one second, x and y: of speed, current, residual and their short-time shape."""
+    """(m, features): statistics of windows of one second: of current and of what plain friction leaves."""
     rows = []
     parts = {a: residual_of_plain_friction(columns[f"v_{a}"], columns[f"a_{a}"], columns[f"curr_{a}"]) for a in AXES}
     for start in range(0, len(columns["v_x"]) - WINDOW, WINDOW // 2):
@@ -65,7 +65,12 @@ def windows(columns: dict[str, np.ndarray]) -> np.ndarray:
             for signal in (columns[f"curr_{a}"][cut], parts[a][cut]):
                 step = np.diff(signal)
                 centred = signal - signal.mean()
-                row += [signal.std(), step.std(), np.abs(step).max(), np.mean(centred[1:] * centred[:-1]) / (signal.var() + 1e-12)]
+                row += [
+                    signal.std(),
+                    step.std(),
+                    np.abs(step).max(),
+                    np.mean(centred[1:] * centred[:-1]) / (signal.var() + 1e-12),
+                ]
         rows.append(row)
     return np.array(rows)
 
@@ -139,8 +144,12 @@ def figure(real: dict[str, np.ndarray], virtual: dict[str, np.ndarray], path: Pa
             grid[0, column].set(title=f"current {axis}", xlabel="s", ylabel="A", ylim=limits)
             grid[1, column].plot(v, i, ".", color=colour, ms=1, alpha=0.3, label=name)
             grid[1, column].set(title="current over speed", xlabel="mm/s", ylabel="A", xlim=(-12, 12), ylim=limits)
-            grid[2, column].plot(np.arange(50) / 50, autocorrelation(rest), color=colour, label=f"{name}, left by plain friction")
-            grid[2, column].plot(np.arange(50) / 50, autocorrelation(noise), "--", color=colour, label=f"{name}, between runs")
+            grid[2, column].plot(
+                np.arange(50) / 50, autocorrelation(rest), color=colour, label=f"{name}, left by plain friction"
+            )
+            grid[2, column].plot(
+                np.arange(50) / 50, autocorrelation(noise), "--", color=colour, label=f"{name}, between runs"
+            )
             grid[2, column].set(title="autocorrelation", xlabel="s")
             f, power = welch(noise, 50, nperseg=256)
             grid[3, column].loglog(f[1:], power[1:], color=colour, label=name)

@@ -1,1 +1,1 @@
-"""A machine whose truth is known: its own dynamics, integrated in time; written apart from everything that looks for them."""
+"""A machine whose truth is known: its own dynamics, integrated in time, apart from all that looks for them."""

@@ -3,8 +3,8 @@
 In:  kind, strength, seed.
 Out: `Case`: parts as recorded, each with a simulation, and the truth.
 
-Kinds: every id of the diagnosis vocabulary; 'miscalibrated:<id>'; 'none'; 'pair' (two effects); 'region:<id>' (only in a box
-of v_x, v_y, AR); 'confounded:<id>' (its driver varies together with another one).
+Kinds: every id of the diagnosis vocabulary; 'miscalibrated:<id>'; 'none'; 'pair' (two effects); 'region:<id>' (only in a
+box of v_x, v_y); 'confounded:<id>' (its driver varies together with another one).
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ KINDS: tuple[str, ...] = (
     *(f"confounded:{m}" for m in CONFOUNDED),
     "none",
 )
-_PAIRABLE = ("stribeck_friction", "presliding_hysteresis", "viscous_friction", "load_dependent_friction", "torque_ripple",
-             "axis_coupling", "coolant_load", "thermal_drift", "position_dependent_friction", "edge_force",
+_PAIRABLE = ("stribeck_friction", "presliding_hysteresis", "viscous_friction", "load_dependent_friction",
+             "torque_ripple", "axis_coupling", "coolant_load", "thermal_drift", "position_dependent_friction", "edge_force",
              "external_force", "spindle_windage", "tool_wear")  # fmt: skip
 
 
@@ -123,8 +123,8 @@ def _some_mill(rng: np.random.Generator) -> VirtualMill:
 
     drives = {
         axis: replace(
-            d, table_kg=own(d.table_kg), coulomb_n=own(d.coulomb_n), stribeck_n=own(d.stribeck_n), viscous=own(d.viscous),
-            stribeck_mm_s=own(d.stribeck_mm_s), gravity_n=own(d.gravity_n), ripple_n=own(d.ripple_n),
+            d, table_kg=own(d.table_kg), coulomb_n=own(d.coulomb_n), stribeck_n=own(d.stribeck_n),
+            viscous=own(d.viscous), stribeck_mm_s=own(d.stribeck_mm_s), gravity_n=own(d.gravity_n), ripple_n=own(d.ripple_n),
             bristle_n_mm=own(d.bristle_n_mm), ripple_phase=float(rng.uniform(0, 2 * np.pi)),
         )
         for axis, d in mill.drives.items()

@@ -5,8 +5,8 @@ In:  set points of position, speed and acceleration at the control's cycle, the 
 Out: motor position and speed, motor current, at the same cycle.
 
 Two masses (motor with screw, table) are joined by the screw's stiffness and by its lost motion. Friction is a LuGre
-bristle (Canudas de Wit, Olsson, Åström, Lischinsky 1995), stepped with the exact solution for constant speed, so that it is
-stable at any speed; a second, softer bristle may carry a share of it. A position controller (P) with speed
+bristle (Canudas de Wit, Olsson, Åström, Lischinsky 1995), stepped with the exact solution for constant speed, so that
+it is stable at any speed; a second, softer bristle may carry a share of it. A position controller (P) with speed
 feed-forward sets the speed controller (PI), whose output is the torque-giving current; its limit stops the integrator.
 """
 
@@ -81,8 +81,9 @@ class Drive:
 
     def check(self, axis: str) -> None:
         """Raises SettingsError that lists every constant that no machine can have."""
-        positive = ("motor_kg", "table_kg", "force_per_ampere", "screw_n_mm", "stribeck_mm_s", "bristle_n_mm", "soft_mm",
-                    "creep_s", "ripple_mm", "position_gain", "speed_bandwidth", "integral_s", "current_max_a")  # fmt: skip
+        positive = ("motor_kg", "table_kg", "force_per_ampere", "screw_n_mm", "stribeck_mm_s", "bristle_n_mm",
+                    "soft_mm", "creep_s", "ripple_mm", "position_gain", "speed_bandwidth", "integral_s",
+                    "current_max_a")  # fmt: skip
         not_negative = ("screw_zeta", "lost_motion_mm", "coulomb_n", "stribeck_n", "viscous", "hold", "knee_a", "bend")
         faults = [
             f"{name} = {getattr(self, name):g} must be above 0" for name in positive if not getattr(self, name) > 0

@@ -25,7 +25,7 @@ MISCALIBRATED = "miscalibrated:"
 
 @dataclass(frozen=True)
 class Effect:
-    """id from the diagnosis vocabulary ('miscalibrated:<id>' included); strength: see above; shape: what is not drawn."""
+    """id from the diagnosis vocabulary, or 'miscalibrated:<id>'; strength as above; shape: what is not drawn."""
 
     id: str
     axis: str
@@ -99,13 +99,15 @@ def amplitude_for(strength: float, reached: Callable[[float], float], first: flo
         if now == 0.0 and amplitude >= 1e6 * first:
             break
         low, at_low = amplitude, now
-        amplitude = min(largest, amplitude * float(np.clip(1.02 * strength / now, 1.5, 20.0)) if now > 0 else 10 * amplitude)
+        amplitude = min(
+            largest, amplitude * float(np.clip(1.02 * strength / now, 1.5, 20.0)) if now > 0 else 10 * amplitude
+        )
         now = reached(amplitude)
     if now == 0.0:
         raise SettingsError(f"{name} never acts in these parts (no cut, no reversal, no coolant?): choose others.")
     high, at_high = amplitude, now
     for step in range(20):
-        if abs(now - strength) <= 0.01 * strength or now < strength and amplitude >= largest:
+        if abs(now - strength) <= 0.01 * strength or (now < strength and amplitude >= largest):
             break
         if step % 3 == 2 or at_high <= at_low:
             amplitude = 0.5 * (low + high)

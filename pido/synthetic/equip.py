@@ -26,8 +26,8 @@ from pido.synthetic.unknown import UNKNOWN
 FIRST_A = 0.02
 """Amplitude that the search for a strength begins with."""
 EITHER_SIGN = {
-    "friction_asymmetry", "gravity_load", "axis_coupling", "material_hard_zone", "coolant_load", "thermal_drift", "unknown",
-    "time_misalignment", "sensor_gain", "sensor_offset",
+    "friction_asymmetry", "gravity_load", "axis_coupling", "material_hard_zone", "coolant_load", "thermal_drift",
+    "unknown", "time_misalignment", "sensor_gain", "sensor_offset",
 }  # fmt: skip
 """Effects that may as well be negative: a softer zone, a load that falls, a gain below 1."""
 
@@ -39,14 +39,14 @@ def equip(
     rng: np.random.Generator,
     rate_hz: float = 50.0,
 ) -> tuple[Effective, ...]:
-    """Raises SettingsError for an unknown id, an axis that it cannot act on, or an effect that never acts in these parts."""
+    """Raises SettingsError for an unknown id, an axis it cannot act on, or an effect too weak in these parts."""
     return tuple(_equip(mill, list(courses), e, rng, rate_hz) for e in effects)
 
 
 def on_all_axes(
     mill: VirtualMill, courses: Sequence[Course], fault: Effective, rate_hz: float
 ) -> tuple[Effective, ...]:
-    """A fault of the file, the same on every axis; the one given stays first, the strength of the others is what it is."""
+    """A fault of the file, the same on every axis; the one given stays first, the others are as strong as they are."""
     out = [fault]
     for axis in AXES:
         if axis != fault.effect.axis:
@@ -160,7 +160,7 @@ def _fault_shape(mill: VirtualMill, courses: list[Course], effect: Effect) -> di
 
 
 def _input_fault(mill: VirtualMill, courses: list[Course], effect: Effect, rng: np.random.Generator) -> Effective:
-    """One interval of a few seconds in one part, while the axis moves; its strength is not tuned: the signal is wrong or not."""
+    """A few seconds in one part, while the axis moves; not tuned to a strength: a signal is wrong or it is not."""
     if effect.axis == "sp":
         _refused(effect)
     course = courses[int(rng.integers(len(courses)))]

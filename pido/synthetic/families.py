@@ -8,6 +8,7 @@ Out: `PartJob`s, with geometry, feed and speed of their own. Programs are writte
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -60,17 +61,17 @@ def impellers(
     return jobs
 
 
-def gear(machine: Machine, material: str = "S235JR", **options: float) -> list[PartJob]:
+def gear(machine: Machine, material: str = "S235JR", **options: Any) -> list[PartJob]:
     """A ring with 12 teeth: motion in every direction of the plane. Options as `variants`."""
     return variants(machine, "gear", material, **options)
 
 
-def plate(machine: Machine, material: str = "S235JR", **options: float) -> list[PartJob]:
+def plate(machine: Machine, material: str = "S235JR", **options: Any) -> list[PartJob]:
     """A plate with slots along the axes: motion along a few directions only. Options as `variants`."""
     return variants(machine, "plate", material, **options)
 
 
-def notch(machine: Machine, material: str = "S235JR", **options: float) -> list[PartJob]:
+def notch(machine: Machine, material: str = "S235JR", **options: Any) -> list[PartJob]:
     """Notches of growing depth with ramps. Options as `variants`."""
     return variants(machine, "notch", material, **options)
 
@@ -78,7 +79,7 @@ def notch(machine: Machine, material: str = "S235JR", **options: float) -> list[
 def variants(
     machine: Machine, shape: str, material: str, *, vary: str = "none", a_p: float | None = None, start_s: float = 0.0
 ) -> list[PartJob]:
-    """Three parts: baseline only ('none'), low/baseline/high depth of cut ('a_p') or speed and feed ('SF') (paper, table 1)."""
+    """Three parts: all baseline ('none'), or low, baseline, high depth ('a_p') or speed and feed ('SF') (paper, table 1)."""
     if vary not in ("none", "a_p", "SF"):
         raise SettingsError(f"vary = '{vary}': known are none, a_p, SF.")
     feed, speed = BASELINE[material]

@@ -20,8 +20,8 @@ INPUT_KINDS = ("reset", "spike", "frozen")
 def faulty_current(id: str, current: Float1D, time: Float1D, amplitude: float, shape: Mapping[str, Any]) -> Float1D:
     """The current with one of `CURRENT_FAULTS`.
 
-    amplitude : gain - 1; offset in A; what is cut off the highest current, A; delay in s (a drifting clock reaches it at the
-    end of the recording)
+    amplitude : gain - 1; offset in A; what is cut off the highest current, A; delay in s (a drifting clock
+    reaches it at the end of the recording)
     """
     if id == "sensor_gain":
         return current * (1 + amplitude)

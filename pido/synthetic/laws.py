@@ -4,8 +4,8 @@ In:  one axis as it is simulated (`Setup`), the course of the part, an amplitude
 Out: the axis with the law, and without it. Amplitudes are in A (a load's current per unit of its profile) where
      nothing else is said; what a law's numbers are in physical units stands in `parameters`.
 
-Three kinds: a load on the axis, a change of its friction level, another constant of its drive. Identifiers are those of the
-diagnosis contract; nothing else is shared with the code that looks for them.
+Three kinds: a load on the axis, a change of its friction level, another constant of its drive. Identifiers are those
+of the diagnosis contract; nothing else is shared with the code that looks for them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.synthetic.drive import Drive
 from pido.synthetic.parts import Course
-from pido.synthetic.spindle import Spindle
 
 Shape = Mapping[str, Any]
 Parameters = dict[str, tuple[float, str]]
@@ -36,7 +35,7 @@ class Setup:
     """
 
     axis: str
-    drive: Drive | Spindle
+    drive: Any  # Drive or Spindle; a law knows which of them its axes have
     load: Float1D
     level: Float1D
     reaction: float = 1.0
@@ -114,7 +113,7 @@ class Load(Law):
 
 @dataclass(frozen=True)
 class Constant(Law):
-    """A constant of the drive: `of` turns amplitude and shape into constants, `nature` reads the amplitude of a drive."""
+    """A constant of the drive: `of` makes them of amplitude and shape, `nature` reads the amplitude of a drive."""
 
     id: str
     axes: tuple[str, ...]
@@ -281,12 +280,16 @@ LAWS: tuple[Law, ...] = (
     Load("gravity_load", LINEAR_AXES, lambda c, axis, shape: c.tool_kg, unit="A/kg"),
     Load("axis_coupling", LINEAR_AXES, _coupling, draw=_coupled),
     Constant("torque_ripple", LINEAR_AXES,
-             lambda s, p, shape: {"ripple_n": p * s.per_ampere, "ripple_mm": shape["period_mm"], "ripple_phase": shape["phase_rad"]},
-             lambda s, p, shape: {"amplitude": (p, "A"), "period": (shape["period_mm"], "mm"), "phase": (shape["phase_rad"], "rad")},
-             draw=lambda axis, courses, rng: {"period_mm": float(rng.choice([5.0, 10.0, 20.0])), "phase_rad": float(rng.uniform(0, 2 * np.pi))}),
+             lambda s, p, shape: {"ripple_n": p * s.per_ampere, "ripple_mm": shape["period_mm"],
+                              "ripple_phase": shape["phase_rad"]},
+             lambda s, p, shape: {"amplitude": (p, "A"), "period": (shape["period_mm"], "mm"),
+                              "phase": (shape["phase_rad"], "rad")},
+             draw=lambda axis, courses, rng: {"period_mm": float(rng.choice([5.0, 10.0, 20.0])),
+                                             "phase_rad": float(rng.uniform(0, 2 * np.pi))}),
     Load("cutting_force", LINEAR_AXES, _reaction, unit="A/N", by_nature=True),
     Load("edge_force", _ANY, _edge, unit="A/mm"),
-    Load("tool_wear", _ANY, lambda c, axis, shape: _reaction(c, axis, shape) * c.cut_mm3 / 1e4, unit="A per N (spindle: N·m) and 10 cm³"),
+    Load("tool_wear", _ANY, lambda c, axis, shape: _reaction(c, axis, shape) * c.cut_mm3 / 1e4,
+         unit="A per N (spindle: N·m) and 10 cm³"),
     Load("material_hard_zone", _ANY, lambda c, axis, shape: _reaction(c, axis, shape) * _in_zone(c, shape), unit="A/N",
          draw=_zone),
     Load("coolant_load", _ANY, lambda c, axis, shape: c.coolant),

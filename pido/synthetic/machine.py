@@ -1,11 +1,11 @@
-"""A virtual three-axis mill: what it commands, what its drives do, what its sensors write, and what its simulation says.
+"""A virtual three-axis mill: what it commands, what its drives do, what its sensors write, what its simulation says.
 
 In:  `PartJob`s in the order of production, effects that the machine has and its simulation lacks, a seed.
 Out: per part the recording with `curr_<axis>_sim`, and the truth behind it.
 
 The simulation integrates the same machine along the same commands without the effect and without the sensors'
-noise. So with no effect, recording and simulation differ by the noise alone; with one, by the answer of the whole control
-loop to it, not by the effect's formula.
+noise. So with no effect, recording and simulation differ by the noise alone; with one, by the answer of the whole
+control loop to it, not by the effect's formula.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ RATES_HZ = (50.0, 500.0)
 class VirtualMill:
     """machine: limits; drives: per linear axis; thermal_share: by how much Coulomb friction falls when warm.
 
-    reaction: share of the simulated process force that the drives feel. Forces are those of one tooth at its mean chip (paper,
-    section III-B), which over the engagement and with the published coefficients is several times the mean force.
+    reaction: share of the simulated process force that the drives feel. Forces are those of one tooth at its mean chip
+    (paper, section III-B), which over the engagement and with the published coefficients is several times the mean force.
     """
 
     machine: Machine
@@ -87,9 +87,9 @@ class VirtualMill:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What is true of one part. effect: per axis the current that recording - simulation has beyond noise, A; acts: where.
+    """What is true of one part. effect: per axis what recording - simulation has beyond noise, A.
 
-    noise: per axis the noise in the recorded current; single: the current of each effect alone, in the order of effects.
+    noise: per axis the noise in the recorded current; single: the current of each effect alone, in their order.
     """
 
     effects: tuple[Effective, ...]
@@ -248,7 +248,7 @@ def _wrong_input(columns: Mapping[str, Array1D], e: Effective) -> dict[str, Arra
 
 
 def _imagined(drive: Drive, axis: str, columns: Mapping[str, Array1D]) -> Float1D:
-    """What a simulation that reads speed and acceleration from the file expects: rigid mass, Coulomb, viscous friction; A."""
+    """What a simulation that reads motion from the file expects: rigid mass, Coulomb and viscous friction; A."""
     v, a = columns[VELOCITY[axis]], columns[ACCELERATION[axis]]
     force = (drive.motor_kg + drive.table_kg) * 1e-3 * a + drive.viscous * v + drive.coulomb_n * np.tanh(v / 0.05)
     return np.clip(force / drive.force_per_ampere, -drive.current_max_a, drive.current_max_a)

@@ -19,12 +19,12 @@ def worn_horizontal(machine: Machine | None = None) -> VirtualMill:
     return VirtualMill(
         machine=machine or config.machine("dmc60h"),
         drives={
-            "x": Drive(900, 800, 450, coulomb_n=205, stribeck_n=60, stribeck_mm_s=1.0, viscous=1.4, lost_motion_mm=0.003,
-                       ripple_n=8, ripple_mm=21.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
+            "x": Drive(900, 800, 450, coulomb_n=205, stribeck_n=60, stribeck_mm_s=1.0, viscous=1.4,
+                       lost_motion_mm=0.003, ripple_n=8, ripple_mm=21.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
             "y": Drive(1000, 900, 480, coulomb_n=200, stribeck_n=45, stribeck_mm_s=0.6, viscous=1.5, gravity_n=-2590,
                        lost_motion_mm=0.002, ripple_n=5, ripple_mm=20.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
-            "z": Drive(1100, 1000, 450, coulomb_n=160, stribeck_n=30, stribeck_mm_s=1.2, viscous=1.3, lost_motion_mm=0.004,
-                       ripple_n=6, ripple_mm=20.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
+            "z": Drive(1100, 1000, 450, coulomb_n=160, stribeck_n=30, stribeck_mm_s=1.2, viscous=1.3,
+                       lost_motion_mm=0.004, ripple_n=6, ripple_mm=20.0, hold=0.7, soft_share=0.25, soft_mm=0.08),
         },
         spindle=Spindle(0.055, 1.0, coulomb_nm=0.45, viscous=5e-4, windage=7e-7),
         sensors=Sensors(
@@ -45,8 +45,10 @@ def newer_vertical(machine: Machine | None = None) -> VirtualMill:
     return VirtualMill(
         machine=machine or config.machine("cmx600v"),
         drives={
-            "x": Drive(400, 500, 380, coulomb_n=120, stribeck_n=20, stribeck_mm_s=1.5, viscous=0.8, ripple_n=3, ripple_mm=12.0),
-            "y": Drive(450, 600, 380, coulomb_n=130, stribeck_n=25, stribeck_mm_s=1.5, viscous=0.9, ripple_n=3, ripple_mm=12.0),
+            "x": Drive(400, 500, 380, coulomb_n=120, stribeck_n=20, stribeck_mm_s=1.5, viscous=0.8,
+                       ripple_n=3, ripple_mm=12.0),
+            "y": Drive(450, 600, 380, coulomb_n=130, stribeck_n=25, stribeck_mm_s=1.5, viscous=0.9,
+                       ripple_n=3, ripple_mm=12.0),
             "z": Drive(450, 450, 400, coulomb_n=150, stribeck_n=25, stribeck_mm_s=1.2, viscous=1.0, gravity_n=1400,
                        ripple_n=4, ripple_mm=12.0),
         },

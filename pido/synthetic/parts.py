@@ -140,7 +140,11 @@ def plan_course(job: PartJob, machine: Machine, history: History | None = None) 
     if job.stock is not None and job.material is None:
         raise SettingsError(f"part {job.name}: a raw part needs its material.")
     path = interpret(
-        job.program, machine=machine, tools=job.tools, start=_home(machine, job), zero_offsets=dict.fromkeys(("G54", "G55", "G56", "G57"), job.zero_mm)
+        job.program,
+        machine=machine,
+        tools=job.tools,
+        start=_home(machine, job),
+        zero_offsets=dict.fromkeys(("G54", "G55", "G56", "G57"), job.zero_mm),
     )
     if job.stock is not None:
         check_program(path, raw_part(job.stock, GRID_MM, machine.tool_axis), dict(job.tools), machine)
@@ -164,7 +168,7 @@ def _course(job: PartJob, machine: Machine, history: History, motion: Motion) ->
         raise SettingsError(f'part {job.name}: the program takes no tool; begin it with T="name" and M6.')
     index = np.array([names.index(t) if t else 0 for t in motion.tool_id])
     process = _process(job, machine, motion, names, index)
-    time = np.arange(n) * CYCLE_S
+    time = np.arange(n, dtype=np.float64) * CYCLE_S
     volume, seconds = np.zeros(n), np.zeros(n)
     for i, name in enumerate(names):
         mine = index == i

@@ -111,4 +111,4 @@ def _first_order(white: Float1D, tau_s: float) -> Float1D:
     drive = white * np.sqrt(1 - keep**2)
     if len(drive):
         drive[0] = white[0]
-    return lfilter([1.0], [1.0, -keep], drive)
+    return np.asarray(lfilter([1.0], [1.0, -keep], drive))

@@ -1,6 +1,6 @@
 """What a control's Edge app writes: JSON with header, payload and footer, one message per line.
 
-In:  a part made at 500 Hz. Out: one file. Signals, types and message groups are those of a capture of a SINUMERIK 840D sl.
+In:  a part made at 500 Hz. Out: one file. Signals, types and message groups are those of a SINUMERIK 840D sl.
 """
 
 from __future__ import annotations
@@ -74,14 +74,15 @@ def write_sinumerik(produced: Produced, path: Path) -> Path:
     for at, text, tool in zip(*blocks(produced), strict=True):
         counter = FIRST_CYCLE + int(at)
         events.append((int(at), {"HFBlockEvent": {
-            "HFProbeCounter": counter, "Channel": 1, "SeekOffset": _offset(produced, int(at)), "SelectedTool": int(tool),
-            "ActiveTool": int(tool), "GCode": text, "IpoGC": text.split(" ")[0] if text[:1] == "G" else "G1",
+            "HFProbeCounter": counter, "Channel": 1, "SeekOffset": _offset(produced, int(at)),
+            "SelectedTool": int(tool), "ActiveTool": int(tool), "GCode": text, "IpoGC": text.split(" ")[0] if text[:1] == "G" else "G1",
             "ipoReadError": None, "laBuf": 1,
         }}))  # fmt: skip
     for at in range(0, n, 500):
         events.append((at, {"HFTimestamp": {"Time": _iso(begin, at), "HFProbeCounter": FIRST_CYCLE + at}}))
     events.append((0, {"HFCallEvent": {
-        "HFProbeCounter": FIRST_CYCLE, "Channel": 1, "SeekOffset": 0, "CallStackLevel": 1, "Path": "/_N_MPF_DIR/PROGRAM_MPF",
+        "HFProbeCounter": FIRST_CYCLE, "Channel": 1, "SeekOffset": 0, "CallStackLevel": 1,
+        "Path": "/_N_MPF_DIR/PROGRAM_MPF",
     }}))  # fmt: skip
     events.sort(key=lambda e: e[0])
     path.parent.mkdir(parents=True, exist_ok=True)

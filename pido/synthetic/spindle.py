@@ -22,7 +22,8 @@ class Spindle:
     """Constants of the spindle.
 
     inertia_kg_m2, torque_per_ampere (N·m/A); coulomb_nm; viscous (N·m per rad/s); windage (N·m per (rad/s)²);
-    bandwidth (rad/s) and integral_s of the speed controller; current_max_a; knee_a, bend and inertia_share as in `Drive`.
+    bandwidth (rad/s) and integral_s of the speed controller; current_max_a; knee_a, bend and inertia_share as in
+    `Drive`.
     """
 
     inertia_kg_m2: float = 0.05

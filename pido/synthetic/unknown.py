@@ -24,7 +24,7 @@ def _swing(course: Course, axis: str, shape: Shape) -> Float1D:
     w, zeta = 2 * np.pi * shape["frequency_hz"], shape["damping"]
     decay = np.exp(-zeta * w * CYCLE_S)
     poles = [1.0, -2 * decay * np.cos(w * np.sqrt(1 - zeta**2) * CYCLE_S), decay**2]
-    return lfilter([w * CYCLE_S], poles, course.a[axis] / 1000.0)
+    return np.asarray(lfilter([w * CYCLE_S], poles, course.a[axis] / 1000.0))
 
 
 def _whirl(course: Course, axis: str, shape: Shape) -> Float1D:

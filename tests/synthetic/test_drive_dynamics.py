@@ -49,7 +49,7 @@ def test_steady_motion_needs_coulomb_and_viscous_friction_and_the_load(speed):
 
 
 def test_below_breakaway_friction_is_a_spring_and_above_it_a_constant():
-    # Bristle: dF/dx = sigma (1 - F/g), so F = g (1 - exp(-sigma x / g)); the encoder sits on the motor, before the screw.
+    # Bristle: dF/dx = sigma (1 - F/g), so F = g (1 - exp(-sigma x / g)); the encoder is on the motor.
     drive = Drive(coulomb_n=200.0, stribeck_n=0.0, viscous=0.0, bristle_n_mm=2e4, force_per_ampere=400.0)
     for way in (1e-3, 5e-3, 1.0):
         out = run_axis(drive, *smooth_move(way, 0.5, 4.0), ZERO, ZERO)

@@ -132,12 +132,19 @@ def _job(mill, **changes):
     return replace(random_contours(mill.machine, 1, np.random.default_rng(0), seconds=10.0)[0], **changes)
 
 
+def _moved(point, x, y, z):
+    return point[0] + x, point[1] + y, point[2] + z
+
+
 @pytest.mark.parametrize(
     ("change", "error"),
     [
         (lambda j: {"program": j.program.replace("M30", "G1 X90000 F1000\nM30")}, ProgramError),
         (lambda j: {"tools": {"OTHER": j.tools["MILL_10"]}}, PidoError),
-        (lambda j: {"stock": Stock(tuple(np.add(j.zero_mm, (0, 0, -1))), tuple(np.add(j.zero_mm, (3, 3, 0))))}, PidoError),
+        (
+            lambda j: {"stock": Stock(tuple(np.add(j.zero_mm, (0, 0, -1))), tuple(np.add(j.zero_mm, (3, 3, 0))))},
+            PidoError,
+        ),
         (lambda j: {"material": None}, SettingsError),
         (lambda j: {"program": "G54\nG0 X1 Y1 Z1\nM30"}, PidoError),
     ],
