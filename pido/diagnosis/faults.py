@@ -2,8 +2,8 @@
 
 In:  a recording.
 Out: `input_faults` as intervals per column, `clipping` as the limits that a current never leaves, `time_shift`.
-Thresholds come from the data's own noise. The only fixed numbers are speeds and accelerations that no mill reaches.
-Position, speed and acceleration of an axis must belong together; where they do not, that is a fault, never fitted.
+Position, speed and acceleration of an axis must belong together (`pido.diagnosis.consistency`, with thresholds from the
+data's own noise); the only fixed numbers are speeds and accelerations that no mill reaches. A fault is never fitted.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, POSITION, VELOCITY
 from pido.core.recording import Recording
+from pido.diagnosis.consistency import FROZEN, JUMP, contradictions, runs
 
 # Beyond any machine tool: 5 m/s and 20 g along an axis; 150 000 1/min, reached within 10 ms, at the spindle.
 _V_MOST = {"lin": 5000.0, "sp": 9.0e5}
 _A_MOST = {"lin": 2.0e5, "sp": 9.0e7}
-_FACTOR = 12.0  # robust deviations of speed against the change of position that are a contradiction
-_FROZEN_S = 0.3  # a position that stands still this long while its speed says that it moves
+_DISPLACED = "displaced since a jump: a counter reset"
 _FLAT_SHARE = 2e-3  # of the samples must lie exactly at a current's extreme to call it a limit
 
 
@@ -45,11 +45,20 @@ def input_faults(recording: Recording) -> dict[str, tuple[Fault, ...]]:
 
 
 def faulty(recording: Recording, axis: str) -> Bool1D:
-    """(n,) – rows in which an input of `axis` is wrong."""
+    """(n,) – rows in which an input of `axis` is wrong; a displaced position alone does not make a row unusable."""
     rows = np.zeros(len(recording), bool)
     for by_reason in _faults_of_axis(recording, axis).values():
-        for found in by_reason.values():
-            rows |= found
+        for reason, found in by_reason.items():
+            if reason != _DISPLACED:
+                rows |= found
+    return rows
+
+
+def displaced(recording: Recording, axis: str) -> Bool1D:
+    """(n,) – rows in which the position of `axis` cannot be told, after a jump or while it is frozen."""
+    rows = np.zeros(len(recording), bool)
+    for found in _faults_of_axis(recording, axis).get(POSITION[axis], {}).values():
+        rows |= found
     return rows
 
 
@@ -116,40 +125,22 @@ def _faults_of_axis(recording: Recording, axis: str) -> dict[str, dict[str, Bool
             reset = _short_reversal(time, v) & ~wrong
             out[names["v"]]["reversal that no spindle can make: a counter reset"] = reset
             wrong = wrong | reset
+    found = contradictions(time, pos, v, a, wrong, None if axis in LINEAR_AXES else 360.0)
+    for name in ("pos", "v", "a"):
+        out[names[name]] |= getattr(found, name)
+    if found.displaced.any():
+        out[names["pos"]][_DISPLACED] = found.displaced & ~found.pos[JUMP]
     if a is not None:
-        out[names["a"]]["acceleration that no machine reaches"] = np.abs(a) > _A_MOST[sort]
+        reached = np.abs(a) <= _A_MOST[sort]
+        out[names["a"]]["acceleration that no machine reaches"] = ~reached & np.isfinite(a)
+        for rows in out[names["v"]].values():
+            wrong = wrong | rows
+        # A derivative beside a wrong speed is wrong as well, unless the speed stood still and the derivative did not.
         if v is not None:
-            # A derivative beside a wrong speed is wrong as well.
-            reached = np.abs(a) <= _A_MOST[sort]
-            out[names["a"]]["derived from a wrong speed"] = _grown(wrong) & reached
-    if pos is not None and v is not None and axis in LINEAR_AXES and len(time) > 20:
-        out[names["pos"]] |= _contradictions(time, pos, v)
+            follows = _grown(wrong & ~out[names["v"]].get(FROZEN, np.zeros(len(time), bool)))
+            own = np.logical_or.reduce([r for k, r in out[names["a"]].items()])
+            out[names["a"]]["derived from a wrong speed"] = follows & reached & ~own
     return out
-
-
-def _contradictions(time: Float1D, pos: Float1D, v: Float1D) -> dict[str, Bool1D]:
-    """Position against speed over each step: jumps that no speed explains, and a position frozen in motion."""
-    step = np.diff(time)
-    moved, expected = np.diff(pos), 0.5 * (v[1:] + v[:-1]) * step
-    gap = np.nan_to_num(moved - expected)
-    tolerance = _FACTOR * 1.4826 * float(np.median(np.abs(gap))) + 0.5 * float(np.nanquantile(np.abs(expected), 0.999))
-    tolerance = max(tolerance, 1.5 * float(np.nanmax(np.abs(expected), initial=0.0)))
-    tolerance = max(tolerance, float(np.nanmax(np.abs(np.diff(v)), initial=0.0) * np.median(step)), 1e-9)
-    jump = np.zeros(len(time), bool)
-    regular = step < 1.5 * np.median(step)
-    jump[1:] = (np.abs(gap) > tolerance) & regular
-    # A frozen position repeats itself to the last digit while the integrated speed walks away.
-    still = np.r_[False, (moved == 0) & (np.abs(expected) > 0)]
-    frozen = np.zeros(len(time), bool)
-    resolution = np.abs(moved[moved != 0])
-    grain = float(np.min(resolution)) if len(resolution) else 0.0
-    for first, last in _runs(still):
-        way = abs(float(np.sum(expected[max(first - 1, 0) : last])))
-        # A parked axis repeats its position too, under a speed that is noise: it goes nowhere.
-        steady = way > 0.7 * float(np.sum(np.abs(expected[max(first - 1, 0) : last])))
-        if time[last] - time[first] >= _FROZEN_S and steady and way > max(20 * grain, tolerance):
-            frozen[first : last + 1] = True
-    return {"jump that the speed does not explain": jump & ~frozen, "frozen while the axis moves": frozen}
 
 
 def _short_reversal(time: Float1D, v: Float1D) -> Bool1D:
@@ -160,7 +151,7 @@ def _short_reversal(time: Float1D, v: Float1D) -> Bool1D:
     if top == 0:
         return out
     main = np.sign(np.nansum(side))
-    for i, j in _runs(side == -main):
+    for i, j in runs(side == -main):
         before = v[max(i - 8, 0) : i]
         if time[j] - time[i] < 0.3 and np.any(before * main > 0.05 * top):
             out[i : j + 1] = True
@@ -169,18 +160,13 @@ def _short_reversal(time: Float1D, v: Float1D) -> Bool1D:
 
 def _flat(current: Float1D, level: float) -> bool:
     at = np.isclose(current, level, rtol=0, atol=1e-9 * float(np.ptp(current)))
-    runs = [j - i + 1 for i, j in _runs(at)]
-    return at.mean() > _FLAT_SHARE and max(runs, default=0) >= 3
+    longest = max((j - i + 1 for i, j in runs(at)), default=0)
+    return at.mean() > _FLAT_SHARE and longest >= 3
 
 
 def _grown(rows: Bool1D) -> Bool1D:
     return rows | np.r_[rows[1:], False] | np.r_[False, rows[:-1]]
 
 
-def _runs(rows: Bool1D) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
-    return [(int(i), int(j) - 1) for i, j in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _intervals(time: Float1D, rows: Bool1D, reason: str) -> list[Fault]:
-    return [Fault(float(time[i]), float(time[j]), reason) for i, j in _runs(rows)]
+    return [Fault(float(time[i]), float(time[j]), reason) for i, j in runs(rows)]

@@ -10,7 +10,7 @@ simulated, never the recorded current is needed here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
 from pido.core.machining import Machine
 from pido.core.recording import Recording
-from pido.diagnosis.faults import faulty
+from pido.diagnosis.faults import displaced, faulty
 from pido.physics.friction import held_direction
 
 _LINEAR_DEAD_BAND = 0.02  # mm/s
@@ -29,12 +29,16 @@ _NOISE_FACTOR = 5.0  # of a speed's noise at standstill: a larger speed is motio
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of another axis, (n,) each: mm/s, mm/s² (spindle deg/s, deg/s²), -1/0/+1, bool."""
+    """Motion of another axis, (n,) each: mm/s, mm/s² (spindle deg/s, deg/s²), -1/0/+1, bool.
+
+    wrong : rows in which one of its signals is faulty, None where none is
+    """
 
     v: Float1D
     a: Float1D
     held: Float1D
     moving: Bool1D
+    wrong: Bool1D | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +52,7 @@ class AxisState:
     engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it
     cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
     clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
+    places : machine position of each linear axis, mm
     wx, wy, wz : mm from the centre (top) of the workpiece; workpiece_size : its (x, y) size, mm
     lead : ball screw lead, mm; vertical : True where gravity acts along the axis
     sim, curr : A, simulated and recorded current; usable : rows that may be fitted
@@ -80,6 +85,7 @@ class AxisState:
     cut_time: Float1D | None = None
     clock: Float1D | None = None
     earlier: tuple[tuple[float, float], ...] | None = None
+    places: Mapping[str, Float1D] = field(default_factory=dict)
     wx: Float1D | None = None
     wy: Float1D | None = None
     wz: Float1D | None = None
@@ -124,12 +130,12 @@ def _state(
     earlier: tuple[tuple[float, float], ...] | None,
 ) -> AxisState:
     time = recording.time
-    motions = {a: m for a in AXES if (m := motion(recording, a, machine)) is not None}
+    motions = {a: m for a in AXES if (m := _judged(recording, a, machine)) is not None}
     own = motions.pop(axis, None)
     if own is None:
         zero = np.zeros(len(time))
         own = Motion(zero, zero, zero, zero.astype(bool))
-    pos = _numbers(recording, POSITION[axis])
+    pos = _position(recording, axis)
     since, since_s, segment = _since_reversal(time, own, pos)
     forces = {a: f for a in LINEAR_AXES if (f := _numbers(recording, FORCE_SIM[a])) is not None}
     across = [f for a, f in forces.items() if a != axis]
@@ -142,14 +148,17 @@ def _state(
     piece = info.workpiece
     center = None if piece is None else piece.center_xy_mm
     top = None if piece is None else piece.top_z_mm
-    pos_x, pos_y, pos_z = (_numbers(recording, POSITION[a]) for a in LINEAR_AXES)
+    places = {a: p for a in LINEAR_AXES if (p := _position(recording, a)) is not None}
+    pos_x, pos_y, pos_z = (places.get(a) for a in LINEAR_AXES)
     lead = info.ball_screw_lead_mm.get(axis)
     vertical = info.vertical_axis
     if machine is not None:
         lead = machine.ball_screw_lead_mm.get(axis) if lead is None else lead
         vertical = machine.vertical_axis if vertical is None else vertical
     clock = None if info.start_time_s is None else info.start_time_s + time
-    usable = np.isfinite(own.v) & np.isfinite(own.a) & ~faulty(recording, axis)
+    usable = np.isfinite(own.v) & np.isfinite(own.a)
+    if own.wrong is not None:
+        usable &= ~own.wrong
     return AxisState(
         axis=axis,
         part=info.part,
@@ -178,6 +187,7 @@ def _state(
         cut_time=in_cut,
         clock=clock,
         earlier=earlier,
+        places=places,
         wx=None if center is None or pos_x is None else pos_x - center[0],
         wy=None if center is None or pos_y is None else pos_y - center[1],
         wz=None if top is None or pos_z is None else pos_z - top,
@@ -189,6 +199,15 @@ def _state(
         curr=_numbers(recording, CURRENT[axis]),
         usable=usable,
     )
+
+
+def _judged(recording: Recording, axis: str, machine: Machine | None) -> Motion | None:
+    """The motion of an axis with the rows that its signals make unusable."""
+    found = motion(recording, axis, machine)
+    if found is None:
+        return None
+    wrong = faulty(recording, axis)
+    return replace(found, wrong=wrong) if wrong.any() else found
 
 
 def motion(recording: Recording, axis: str, machine: Machine | None = None) -> Motion | None:
@@ -230,7 +249,10 @@ def _since_reversal(time: Float1D, own: Motion, pos: Float1D | None) -> tuple[Fl
     if pos is None or own.v is None:
         way = np.cumsum(np.abs(np.nan_to_num(own.v)) * own.moving * step)
     else:
-        way = np.cumsum(np.abs(np.nan_to_num(np.diff(pos, prepend=pos[:1]))) * own.moving)
+        # Where the position is not known, the speed says how far the axis went.
+        moved = np.diff(pos, prepend=pos[:1])
+        moved = np.where(np.isfinite(moved), moved, np.nan_to_num(own.v) * step)
+        way = np.cumsum(np.abs(moved) * own.moving)
     # The axis turned about half a sample before the first sample of the new direction.
     origin = np.maximum(at - 1, 0)
     since = np.where(at >= 0, way - (way[origin] + way[np.maximum(at, 0)]) / 2, np.inf)
@@ -314,6 +336,15 @@ def _operation(recording: Recording, what: str) -> Float1D | None:
         return None
     values = np.array([np.nan, *(np.nan if (x := getattr(o, what)) is None else float(x) for o in operations)])
     return values[np.searchsorted([o.nc_line for o in operations], line, side="right")]
+
+
+def _position(recording: Recording, axis: str) -> Float1D | None:
+    """The position of an axis, NaN where it cannot be told."""
+    pos = _numbers(recording, POSITION[axis])
+    if pos is None:
+        return None
+    lost = displaced(recording, axis)
+    return np.where(lost, np.nan, pos) if lost.any() else pos
 
 
 def _numbers(recording: Recording, name: str) -> Float1D | None:

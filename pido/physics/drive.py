@@ -36,6 +36,64 @@ def wave(pos: Float1D, period: float) -> Float2D:
     return np.column_stack([np.sin(angle), np.cos(angle)])
 
 
+def periods_of(pos: Float1D, value: Float1D, shortest: float, longest: float, count: int) -> list[float]:
+    """Periods over position at which a signal repeats most, strongest first.
+
+    The signal is averaged in bins of position, so that a place where the axis waits counts no more than one it passes;
+    a parabola over the travel is taken out. Then follows a periodogram with four points per resolved frequency.
+
+    pos, value : (n,), mm and any unit, finite; shortest, longest : mm, periods; count : how many at most.
+    Returns periods in mm, fewer where there are fewer peaks, none where the travel is shorter than two of the shortest.
+    Source: Lomb (1976), for evenly spaced bins with weights.
+
+    >>> x = np.linspace(0.0, 40.0, 4000)
+    >>> [round(p, 1) for p in periods_of(x, np.sin(2 * np.pi * x / 3.7), 1.0, 20.0, 1)]
+    [3.7]
+    """
+    if len(pos) < 50 or np.ptp(pos) < 2 * shortest:
+        return []
+    width = shortest / 4
+    at = ((pos - pos.min()) / width).astype(int)
+    seen = np.bincount(at).astype(float)
+    mean = np.bincount(at, value) / np.maximum(seen, 1.0)
+    # A bin seen often is known better, but systematic effects do not average out beyond the usual number of passes.
+    weight = np.minimum(seen, 4 * np.median(seen[seen > 0]))
+    u = np.linspace(-1.0, 1.0, len(seen))
+    smooth = np.vander(u, 3)
+    root = np.sqrt(weight)
+    trend, *_ = np.linalg.lstsq(root[:, None] * smooth, root * mean, rcond=None)
+    size = 1 << int(np.ceil(np.log2(4 * len(seen))))
+    power = np.abs(np.fft.rfft(weight * (mean - smooth @ trend), size)) ** 2
+    frequency = np.fft.rfftfreq(size, width)
+    inside = (frequency >= 1 / longest) & (frequency <= 1 / shortest)
+    peak = np.zeros(len(power), bool)
+    peak[1:-1] = (power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])
+    found = np.flatnonzero(peak & inside)
+    best = found[np.argsort(-power[found])][:count]
+    return [float(1 / frequency[k]) for k in best]
+
+
+def best_stretch(pos: Float1D, value: Float1D, low: float, high: float, bins: int = 60) -> tuple[float, float] | None:
+    """The stretch of the travel whose mean stands out most from the rest: least squares over all pairs of bin edges.
+
+    pos, value : (n,), mm and any unit, finite; low, high : mm. Returns (from, to) in mm, None without any difference.
+
+    >>> x = np.linspace(0.0, 60.0, 6001)
+    >>> best_stretch(x, ((x > 20) & (x < 30)) * 1.0, 0.0, 60.0)
+    (20.0, 30.0)
+    """
+    edges = np.linspace(low, high, bins + 1)
+    at = np.clip(np.searchsorted(edges, pos, side="right") - 1, 0, bins - 1)
+    seen = np.r_[0.0, np.cumsum(np.bincount(at, minlength=bins))]
+    total = np.r_[0.0, np.cumsum(np.bincount(at, value - value.mean(), minlength=bins))]
+    first, last = np.triu_indices(bins + 1, k=1)
+    n, s = seen[last] - seen[first], total[last] - total[first]
+    rest = seen[-1] - n
+    gain = np.where((n > 0) & (rest > 0), s**2 * (1 / np.maximum(n, 1) + 1 / np.maximum(rest, 1)), 0.0)
+    k = int(np.argmax(gain))
+    return None if gain[k] <= 0 else (float(edges[first[k]]), float(edges[last[k]]))
+
+
 def beyond(current: Float1D, limit: float) -> Float1D:
     """What of a current lies beyond +-limit, with its sign.
 

@@ -5,15 +5,18 @@ In:  `AxisState`. Out: mechanisms of the catalogue; the laws are in `pido.physic
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
 from pido.diagnosis.mechanisms.friction import turns
-from pido.physics.drive import lost_motion, wave
+from pido.diagnosis.state import AxisState
+from pido.physics.drive import lost_motion, periods_of, wave
 
 _KINDS = ("a", "v", "sgn(v)")
-# Leads of ball screws, their fractions, and pitches of linear motors and gears that are usual.
+# Leads of ball screws, their fractions, and pitches of linear motors and gears that are usual, mm.
 _PERIODS = (
     1.0,
     1.25,
@@ -21,21 +24,24 @@ _PERIODS = (
     2.0,
     2.5,
     3.0,
-    3.175,
     4.0,
     5.0,
     6.0,
-    6.35,
     7.5,
     8.0,
     10.0,
     12.0,
-    12.7,
-    15.0,
     16.0,
-    18.0,
     20.0,
+    24.0,
+    30.0,
+    32.0,
+    40.0,
+    50.0,
 )
+_HARMONICS = (2.0, 1.0, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6, 1 / 8, 1 / 12)  # of a lead, as periods
+_SHORTEST, _LONGEST = 0.4, 60.0  # mm, periods of a ripple
+_PEAKS = 3  # of the periodogram that are handed on
 
 
 class Inertia(Mechanism):
@@ -116,11 +122,17 @@ class AxisCoupling(Mechanism):
         other = state.others.get(LINEAR_AXES[j])
         if other is None or LINEAR_AXES[j] == state.axis:
             return nothing(state)
-        return column((other.a, other.v * other.moving, other.held * other.moving)[kind])
+        right = np.ones(len(state.time)) if other.wrong is None else ~other.wrong
+        return column((other.a, other.v * other.moving, other.held * other.moving)[kind] * right)
 
     def needs(self, states):
         moved = any(np.any(o.moving) for s in states for n, o in s.others.items() if n in LINEAR_AXES)
         return None if moved else "no other axis moves"
+
+    def starts(self, states):
+        """Only the other linear axes that move."""
+        there = {n for s in states for n, o in s.others.items() if n in LINEAR_AXES and np.any(o.moving)}
+        return tuple(x for x in super().starts(states) if LINEAR_AXES[int(x["source"]) // 3] in there)
 
     def conditions(self, axis, shape):
         j, kind = divmod(int(np.clip(round(shape["source"]), 0, 8)), 3)
@@ -134,9 +146,10 @@ class TorqueRipple(Mechanism):
     id = "torque_ripple"
     equation = "dI = R_s * sin(2 pi pos / L) + R_c * cos(2 pi pos / L)"
     amplitudes = (Parameter("R_s", "A"), Parameter("R_c", "A"))
-    shape = (Parameter("L", "mm", low=0.5, high=50.0, scale="log", values=(*_PERIODS, 25.0, 30.0, 32.0, 40.0, 50.0)),)
+    shape = (Parameter("L", "mm", low=_SHORTEST, high=_LONGEST, scale="log", values=_PERIODS),)
     axes = LINEAR_AXES
     summary = "{axis} axis, repeating every {L:.4g} mm of travel"
+    looked_at = 500
 
     def regressors(self, state, *, L):
         return nothing(state, 2) if state.pos is None else wave(state.pos, L)
@@ -144,5 +157,33 @@ class TorqueRipple(Mechanism):
     def needs(self, states):
         if any(s.pos is None for s in states):
             return "no position of the axis"
-        travel = max(float(np.nanmax(s.pos) - np.nanmin(s.pos)) for s in states if s.pos is not None)
-        return None if travel > 2.0 else f"the axis travels {travel:.2g} mm only"
+        longest = travel(states)
+        return None if longest > 2.0 else f"the axis travels {longest:.2g} mm only"
+
+    def starts(self, states):
+        """Harmonics of the lead where it is known, usual periods besides; none longer than the travel."""
+        own = [h * s.lead for s in states[:1] if s.lead is not None for h in _HARMONICS]
+        longest = min(_LONGEST, travel(states))
+        periods = {round(p, 6) for p in (*own, *_PERIODS) if _SHORTEST <= p <= longest}
+        return tuple({"L": p} for p in sorted(periods) or [_SHORTEST])
+
+    def suggest(self, states, left):
+        """Peaks of the periodogram over position."""
+        if any(s.pos is None for s in states):
+            return ()
+        pos = np.concatenate([s.pos for s in states if s.pos is not None])
+        value, moving = np.concatenate(left), np.concatenate([s.moving for s in states])
+        good = np.isfinite(value) & np.isfinite(pos) & moving
+        return tuple({"L": p} for p in periods_of(pos[good], value[good], _SHORTEST, _LONGEST, _PEAKS))
+
+    def around(self, name, shape, states):
+        """Half a wave more or less over the whole travel: beyond it begins the next period that could be told apart."""
+        step = 0.5 / max(travel(states), 1e-9)
+        f = 1.0 / shape["L"]
+        return max(_SHORTEST, 1.0 / (f + step)), min(_LONGEST, 1.0 / max(f - step, 1.0 / _LONGEST))
+
+
+def travel(states: Sequence[AxisState]) -> float:
+    """mm from the lowest to the highest position of the axis in any part."""
+    ends = [(np.nanmin(s.pos), np.nanmax(s.pos)) for s in states if s.pos is not None and np.isfinite(s.pos).any()]
+    return float(max(e[1] for e in ends) - min(e[0] for e in ends)) if ends else 0.0

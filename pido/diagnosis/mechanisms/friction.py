@@ -14,6 +14,7 @@ from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
 from pido.diagnosis.state import AxisState
+from pido.physics.drive import best_stretch, wave
 from pido.physics.friction import dahl_state, stribeck_curve
 
 
@@ -146,23 +147,88 @@ class LoadDependentFriction(Mechanism):
 
 
 class PositionDependentFriction(Mechanism):
-    """Friction that varies along the travel: one wave of any phase; a wave longer than the travel is a slope."""
+    """Friction that varies along the travel; `form`: 0 a wave of any phase, 1 a slope and a bend, 2 one tight place."""
 
     id = "position_dependent_friction"
-    equation = "dI = (G_s * sin(2 pi pos / L) + G_c * cos(2 pi pos / L)) * sgn(v)"
-    amplitudes = (Parameter("G_s", "A"), Parameter("G_c", "A"))
-    shape = (Parameter("L", "mm", low=25.0, high=2000.0, scale="log", points=14),)
+    equation = (
+        "dI = g(pos) * sgn(v); g = G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
+        "or G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L"
+    )
+    amplitudes = (Parameter("G_1", "A"), Parameter("G_2", "A"))
+    shape = (
+        choice("form", 3),
+        Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
+        Parameter("p_0", "mm", values=(0.0,)),
+    )
     axes = LINEAR_AXES
-    summary = "{axis} axis in motion, friction varies along the travel with {L:.3g} mm"
+    looked_at = 100
 
-    def regressors(self, state, *, L):
+    def regressors(self, state, *, form, L, p_0):
         if state.pos is None:
             return nothing(state, 2)
-        angle, h = 2 * np.pi * state.pos / L, direction(state)
-        return np.column_stack([np.sin(angle) * h, np.cos(angle) * h])
+        h, u = direction(state), (state.pos - p_0) / L
+        if round(form) == 0:
+            return wave(state.pos, L) * h[:, None]
+        if round(form) == 1:
+            return np.column_stack([u * h, u**2 * h])
+        return np.column_stack([np.exp(-(u**2) / 2) * h, np.zeros(len(h))])
 
     def needs(self, states):
         return "no position of the axis" if any(s.pos is None for s in states) else moves(states)
+
+    def starts(self, states):
+        """Waves from a ninth to twice the travel, a parabola over it, five tight places of an eighth of it."""
+        low, high = _ends(states)
+        span = max(high - low, 1e-3)
+        waves = [(0.0, span / (0.5 + 0.5 * k), 0.0) for k in range(18)]
+        bend = [(1.0, span / 2, (low + high) / 2)]
+        places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
+        return tuple({"form": f, "L": L, "p_0": p} for f, L, p in (*waves, *bend, *places))
+
+    def suggest(self, states, left):
+        """The stretch of the travel whose friction stands out most from the rest of it."""
+        if any(s.pos is None for s in states):
+            return ()
+        low, high = _ends(states)
+        pos = np.concatenate([s.pos for s in states if s.pos is not None])
+        h = np.concatenate([direction(s) for s in states])
+        value = np.concatenate(left)
+        good = np.isfinite(value) & np.isfinite(pos) & (h != 0)
+        if good.sum() < 50 or high - low < 1e-3:
+            return ()
+        stretch = best_stretch(pos[good], (value * h)[good], low, high)
+        return () if stretch is None else ({"form": 2.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2},)
+
+    def around(self, name, shape, states):
+        low, high = _ends(states)
+        span = max(high - low, 1e-3)
+        form, L, p_0 = round(shape["form"]), shape["L"], shape["p_0"]
+        if name == "L" and form == 0:
+            return 1.0 / (1.0 / L + 0.3 / span), 1.0 / max(1.0 / L - 0.3 / span, 0.2 / span)
+        if name == "L" and form == 2:
+            return L / 3, min(3 * L, span)
+        if name == "p_0" and form == 2:
+            return max(low, p_0 - 2 * L), min(high, p_0 + 2 * L)
+        return shape[name], shape[name]
+
+    def free(self, shape):
+        return (1, 0, 2)[round(shape["form"])]
+
+    def conditions(self, axis, shape):
+        form, L, p_0 = round(shape["form"]), shape["L"], shape["p_0"]
+        if form == 2:
+            low, high = p_0 - 2 * L, p_0 + 2 * L
+            text = f"{axis} axis in motion, friction stands out from {low:.4g} to {high:.4g} mm"
+            return text, (f"pos_{axis} > {low:.4g}", f"pos_{axis} < {high:.4g}")
+        how = f"repeats every {L:.3g} mm" if form == 0 else "changes steadily along the travel"
+        return f"{axis} axis in motion, friction {how}", (f"v_{axis} != 0",)
+
+
+def _ends(states: Sequence[AxisState]) -> tuple[float, float]:
+    """mm, lowest and highest position in motion."""
+    moved = [s.pos[s.moving & np.isfinite(s.pos)] for s in states if s.pos is not None]
+    pos = np.concatenate([p for p in moved if len(p)] or [np.zeros(1)])
+    return float(pos.min()), float(pos.max())
 
 
 class PreslidingHysteresis(Mechanism):

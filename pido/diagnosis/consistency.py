@@ -1,0 +1,231 @@
+"""Whether position, speed and acceleration of one axis belong together, sample by sample.
+
+In:  time and the three signals, or those that a recording has.
+Out: `Contradictions`: per signal, which samples cannot be true and why; and where a position is displaced after a jump.
+How far the three usually disagree (noise, filters, rounding) is read from the data themselves, separately at each place
+from how fast the calmer of two signals changes there; what stands far outside is a fault, laid to the rougher signal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from pido.core.arrays import Bool1D, Float1D
+
+_FACTOR = 12.0  # robust deviations that two signals never differ by
+_TAIL = 3.0  # times the difference that one sample in two hundred exceeds
+_NEGLIGIBLE = 2e-3  # of the largest values of a signal: a smaller contradiction does no harm
+_REACH = 4  # samples to either side that a filter in the control may delay or blur one signal against another
+_LATE = 1.5  # steps that a clock may be wrong by
+_COARSE_S = 0.05  # an acceleration comes and goes in less: records with longer steps cannot contradict one
+_FROZEN_S, _FROZEN_ROWS = 0.3, 5  # a signal that repeats itself to the last digit for so long may be frozen
+_GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
+_SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
+_FEWEST = 50
+
+JUMP, SPIKE, FROZEN = (
+    "jump that the speed does not explain",
+    "spike against its neighbours",
+    "frozen while the axis moves",
+)
+
+
+@dataclass
+class Contradictions:
+    """Rows (n,) per reason and signal: 'pos', 'v', 'a'. displaced : position off by a constant after a jump."""
+
+    pos: dict[str, Bool1D] = field(default_factory=dict)
+    v: dict[str, Bool1D] = field(default_factory=dict)
+    a: dict[str, Bool1D] = field(default_factory=dict)
+    displaced: Bool1D = field(default_factory=lambda: np.zeros(0, bool))
+
+
+def contradictions(
+    time: Float1D, pos: Float1D | None, v: Float1D | None, a: Float1D | None, known: Bool1D, turn: float | None = None
+) -> Contradictions:
+    """What cannot be true together.
+
+    time, pos, v, a : (n,), s, mm, mm/s, mm/s² (or deg)
+    known : (n,) – rows whose speed is already known to be wrong
+    turn : deg after which a spindle's angle begins again; None for a linear axis
+    """
+    n = len(time)
+    out = Contradictions(displaced=np.zeros(n, bool))
+    if v is None or n < _FEWEST:
+        return out
+    step = np.diff(time)
+    steady = step < 1.5 * np.median(step)
+    suspect = known.copy()
+    if pos is not None:
+        _position_and_speed(out, time, step, steady, pos, v, suspect, turn)
+        for rows in out.v.values():
+            suspect |= rows
+    if a is not None and np.median(step) <= _COARSE_S:
+        _speed_and_acceleration(out, time, steady, v, a, suspect, pos is not None)
+    return out
+
+
+def _position_and_speed(
+    out: Contradictions,
+    time: Float1D,
+    step: Float1D,
+    steady: Bool1D,
+    pos: Float1D,
+    v: Float1D,
+    suspect: Bool1D,
+    turn: float | None,
+) -> None:
+    moved, expected = np.diff(pos), 0.5 * (v[1:] + v[:-1]) * step
+    gap = moved - expected
+    if turn is not None:
+        gap = (gap + turn / 2) % turn - turn / 2
+        moved = expected + gap
+    use = steady & np.isfinite(gap) & ~suspect[1:] & ~suspect[:-1]
+    if use.sum() < _FEWEST:
+        return
+    gap = np.where(np.isfinite(gap) & steady, gap, 0.0)
+    if turn is not None and _deviation(gap[use]) > turn / 20:
+        return  # the angle turns too far between two samples to say anything
+    rate = gap / step
+    held = [_long_runs(time, s) for s in (pos, v)]
+    repeats = np.logical_or(*(_rows(h, len(time)) for h in held))
+    # A stretch that repeats itself and contradicts the other signal says nothing about what is usual.
+    doubtful = repeats[1:] & (np.abs(rate) > _FACTOR * _deviation(rate[use]))
+    use = use & ~doubtful if (use & ~doubtful).sum() >= _FEWEST else use
+    usual = _usual(rate[use], (expected / step)[use])
+    resolution = np.abs(moved[(moved != 0) & use])
+    grain = float(np.quantile(resolution, 0.01)) if len(resolution) else 0.0
+    for name, stretches in zip(("pos", "v"), held, strict=True):
+        frozen = np.zeros(len(time), bool)
+        for i, j in stretches:
+            off = rate[i:j]
+            lost = abs(float(np.sum(gap[i:j])))
+            if (
+                float(np.sqrt(np.mean(off**2))) > usual / 1.5
+                and lost > _GRAINS * grain
+                and lost > 0.5 * np.sum(np.abs(gap[i:j]))
+            ):
+                frozen[i : j + 1] = True
+        getattr(out, name)[FROZEN] = frozen
+    frozen = out.pos[FROZEN] | out.v[FROZEN]
+    # Spread of each signal around a step; a step between the samples i and i + 1 belongs to i + 1.
+    rough_pos, rough_v = _spread(np.where(use, moved / step, np.nan_to_num(moved / step))), _spread(v)[1:]
+    # A sample that was taken a step late, or left out, moves the position by what the speed says.
+    limit = usual + np.minimum(rough_pos, rough_v) + _LATE * np.abs(expected / step)
+    bad = (np.abs(rate) > limit) & steady & ~suspect[1:] & ~suspect[:-1] & ~(frozen[1:] & frozen[:-1])
+    # Where a frozen position lets go it catches up: that jump belongs to the frozen stretch.
+    near = np.convolve(frozen, np.ones(3), "same") > 0
+    bad &= ~near[1:]
+    jump, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
+    jumps: list[tuple[int, int, float]] = []
+    for i, j in runs(_closed(bad)):
+        if np.max(rough_pos[i : j + 1]) >= np.max(rough_v[i : j + 1]):
+            jumps.append((i + 1, j + 1, float(np.sum(gap[i : j + 1]))))
+        else:
+            spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _calm(v, i, j + 1)) > 0.5 * usual
+    spike = np.zeros(len(time), bool)
+    k = 0
+    while k < len(jumps):
+        first, last, size = jumps[k]
+        back = jumps[k + 1] if k + 1 < len(jumps) else None
+        jump[first : last + 1] = True
+        if back is not None and abs(back[2] + size) < 0.2 * abs(size):
+            if time[back[0]] - time[first] <= _SPIKE_S:
+                jump[first : last + 1] = False
+                spike[first : back[1]] = True
+            else:
+                out.displaced[first : back[0]] = True
+                jump[back[0] : back[1] + 1] = True
+            k += 1
+        elif abs(size) > usual * float(np.median(step)):
+            out.displaced[first:] = True
+        k += 1
+    out.pos[JUMP], out.pos[SPIKE], out.v[SPIKE] = jump, spike, spike_v
+
+
+def _speed_and_acceleration(
+    out: Contradictions, time: Float1D, steady: Bool1D, v: Float1D, a: Float1D, suspect: Bool1D, seen: bool
+) -> None:
+    """Acceleration against the change of speed; seen : the speed was already compared with a position."""
+    rate = np.gradient(np.nan_to_num(v), time)
+    off = np.where(np.isfinite(a) & np.isfinite(rate), a - rate, 0.0)
+    near = _grown(suspect, 2)
+    use = np.r_[True, steady] & np.r_[steady, True] & ~near
+    held = _long_runs(time, a)
+    if use.sum() < _FEWEST:
+        return
+    apart = use & ~(_rows(held, len(time)) & (np.abs(off) > _FACTOR * _deviation(off[use])))
+    apart = apart if apart.sum() >= _FEWEST else use
+    usual = _usual(off[apart], rate[apart])
+    frozen = np.zeros(len(time), bool)
+    for i, j in held:
+        if float(np.sqrt(np.mean(off[i : j + 1] ** 2 * use[i : j + 1]))) > usual / 1.5:
+            frozen[i : j + 1] = True
+    rough_a, rough_rate = _spread(a), _spread(rate)
+    bad = (np.abs(off) > usual + np.minimum(rough_a, rough_rate)) & use & ~frozen
+    spike_a, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
+    for i, j in runs(_closed(bad)):
+        if np.max(rough_a[i : j + 1]) >= np.max(rough_rate[i : j + 1]):
+            spike_a[i : j + 1] |= np.abs(off[i : j + 1]) > 0.5 * usual
+        elif not seen:
+            size = np.abs(v[i : j + 1] - _calm(v, i, j))
+            spike_v[i : j + 1] |= size > 0.5 * size.max()
+    out.a[FROZEN], out.a[SPIKE] = frozen, spike_a
+    if spike_v.any():
+        out.v[SPIKE] = out.v.get(SPIKE, np.zeros(len(time), bool)) | spike_v
+
+
+def runs(rows: Bool1D) -> list[tuple[int, int]]:
+    """First and last index of each uninterrupted stretch."""
+    edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
+    return [(int(i), int(j) - 1) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _usual(difference: Float1D, signal: Float1D) -> float:
+    """A size that the difference of two signals that belong together never reaches."""
+    least = _NEGLIGIBLE * float(np.quantile(np.abs(signal), 0.999))
+    return max(_FACTOR * _deviation(difference), _TAIL * float(np.quantile(np.abs(difference), 0.995)), least, 1e-9)
+
+
+def _deviation(values: Float1D) -> float:
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _spread(values: Float1D) -> Float1D:
+    """Largest minus smallest value within reach."""
+    size = 2 * _REACH + 1
+    clean = np.nan_to_num(values)
+    return maximum_filter1d(clean, size) - minimum_filter1d(clean, size)
+
+
+def _calm(values: Float1D, first: int, last: int) -> float:
+    """What a signal is like on both sides of a stretch."""
+    return float(np.nanmedian(np.r_[values[max(first - _REACH, 0) : first], values[last + 1 : last + 1 + _REACH]]))
+
+
+def _long_runs(time: Float1D, values: Float1D) -> list[tuple[int, int]]:
+    """Stretches that repeat a value for long."""
+    found = [(i, j + 1) for i, j in runs(np.diff(values) == 0)]
+    return [(i, j) for i, j in found if time[j] - time[i] >= _FROZEN_S and j - i + 1 >= _FROZEN_ROWS]
+
+
+def _rows(stretches: list[tuple[int, int]], n: int) -> Bool1D:
+    out = np.zeros(n, bool)
+    for i, j in stretches:
+        out[i : j + 1] = True
+    return out
+
+
+def _closed(bad: Bool1D) -> Bool1D:
+    """Gaps of one or two samples inside a fault belong to it."""
+    out = bad.copy()
+    for gap in (1, 2):
+        out[gap:-gap] |= bad[: -2 * gap] & bad[2 * gap :]
+    return out
+
+
+def _grown(rows: Bool1D, by: int) -> Bool1D:
+    return np.convolve(rows, np.ones(2 * by + 1), "same") > 0 if rows.any() else rows
