@@ -98,11 +98,36 @@ def put_away(workspace: Workspace, path: Path) -> Path | None:
 
 
 def samples_of(workspace: Workspace, digest: str) -> Samples:
-    """Rows of a part: as kept, or made again from the store."""
+    """Rows of a part to learn from: as kept, or made again from the store; without those of alarms answered as true."""
     path = samples_path(workspace, digest)
     if not path.exists():
         save_samples(_samples(workspace, Store(workspace.store).load(digest), digest), path)
-    return load_samples(path)
+    samples = load_samples(path)
+    stretches = workspace.excluded(entry_of(workspace, digest).machine).get(digest, [])
+    if not stretches:
+        return samples
+    time = at_rate(workspace, Store(workspace.store).load(digest, ())).time[samples.row]
+    inside = np.any([(time >= start) & (time <= end) for start, end in stretches], axis=0)
+    return samples.take(~inside)
+
+
+def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tuple[Recording, Samples, str]:
+    """A recording that is only looked at, not taken in: at the method's rate, its rows, its digest. Nothing is stored.
+
+    Raises what `ingest` raises for a recording that cannot be used.
+    """
+    from pido.store.content import digest
+
+    recording = _read(path, machine or workspace.settings.machine)
+    _check(recording, workspace, path)
+    name = digest(recording)
+    return at_rate(workspace, recording), _samples(workspace, recording, name), name
+
+
+def at_rate(workspace: Workspace, recording: Recording) -> Recording:
+    """The recording at the method's rate, as its rows are numbered; a slower one stays as it is."""
+    faster = recording.sample_rate_hz > 1.01 * workspace.settings.rate_hz
+    return resample(recording, workspace.settings.rate_hz) if faster else recording
 
 
 def samples_path(workspace: Workspace, digest: str) -> Path:
@@ -164,8 +189,7 @@ def _samples(workspace: Workspace, recording: Recording, digest: str) -> Samples
             if name not in _KEPT and values.dtype != object
         }
         recording = recording.with_columns(**blank)
-    if recording.sample_rate_hz > 1.01 * settings.rate_hz:
-        recording = resample(recording, settings.rate_hz)
+    recording = at_rate(workspace, recording)
     job = job_of(recording, workspace.job(recording.part.machine), machine, _materials(workspace))
     samples, notes = prepare(recording, machine, job, digest, air_cut=settings.air_cut)
     for note in notes:

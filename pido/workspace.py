@@ -12,6 +12,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       ledger.db        what was done with each part      runs/       what each iteration found, by run key
       bundles/         models + equation + limits        registry/   champion per machine, audit log
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
+      monitor/         verdicts, alarms and the answers to them, per machine
 """
 
 from __future__ import annotations
@@ -160,6 +161,10 @@ class Workspace:
         return self.root / "registry"
 
     @property
+    def monitor(self) -> Path:
+        return self.root / "monitor"
+
+    @property
     def ledger(self) -> Path:
         return self.root / "ledger.db"
 
@@ -192,7 +197,9 @@ class Workspace:
         )
 
     def run_key(self, machine: str, parts: list[str]) -> str:
-        """What an iteration over the *set* `parts` (digests) is known by: parts, settings, seed, code."""
+        """What an iteration over the *set* `parts` (digests) is known by: parts, settings, seed, code, and what of them
+        people said not to learn from."""
+        excluded = {part: where for part, where in self.excluded(machine).items() if part in parts}
         return digest_of(
             {
                 "machine": machine,
@@ -200,8 +207,16 @@ class Workspace:
                 "settings": self.settings_digest(machine),
                 "seed": self.settings.seed,
                 "code": code_version(),
+                **({"excluded": excluded} if excluded else {}),
             }
         )
+
+    def excluded(self, machine: str) -> dict[str, list[list[float]]]:
+        """Part digest -> stretches [start, end], s, of alarms that were answered as true: not to be learnt from."""
+        try:
+            return json.loads((self.monitor / file_name(machine) / "excluded.json").read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return {}
 
     def locked(self, name: str) -> bool:
         """Whether a living process holds the lock `name`."""

@@ -146,8 +146,8 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
 
 
 def standardise(part: PartResiduals, axis: str, band: Band) -> Float1D:
-    """(n,): window means of the residual in spreads of their own place and distance; NaN where there is no whole window,
-    or the part is too far from anything that was seen."""
+    """(n,): window means of the residual in spreads of their own place and distance; NaN where there is no whole
+    window, or the part is too far from anything that was seen."""
     return _standardised(_windows(part, axis, band.window_s), band.axes[axis])
 
 

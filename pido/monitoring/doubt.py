@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import isotonic_regression
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from pido.core.arrays import Float1D, Float2D
 
@@ -38,7 +38,7 @@ class Support:
         # A column that never varied says that a change in it is new ground, not that it is infinitely far away.
         self._unit = np.where(spread > 0, spread, np.maximum(0.1 * np.abs(rows).max(axis=0), 1e-6))
         self._count = min(NEIGHBOURS, len(rows))
-        self._tree = cKDTree(rows / self._unit)
+        self._tree = KDTree(rows / self._unit)
 
     def distance(self, samples: Float2D) -> Float1D:
         """(n,), –: mean distance to the nearest training rows, per root of the number of columns.
@@ -81,8 +81,8 @@ def growth(doubt: Float1D, size: Float1D) -> Growth:
     if classes < 2 or np.ptp(doubt) <= 1e-9:
         return FLAT
     pieces = np.array_split(np.argsort(doubt, kind="stable"), classes)
-    knots = np.array([np.mean(doubt[p]) for p in pieces])
-    means = np.array([np.mean(size[p]) for p in pieces])
+    knots = np.array([float(np.mean(doubt[p])) for p in pieces])
+    means = np.array([float(np.mean(size[p])) for p in pieces])
     factors = isotonic_regression(means, weights=np.array([len(p) for p in pieces], float)).x
     usual = float(np.interp(np.median(doubt), knots, factors))
     knots, first = np.unique(knots, return_index=True)

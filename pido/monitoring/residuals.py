@@ -22,8 +22,8 @@ WINDOW_S = 0.5
 
 @dataclass(frozen=True, eq=False)
 class PartResiduals:
-    """One part. residual (n, 4), A – recorded minus predicted, NaN where an axis has no recording, the model says nothing
-    (no tool engaged), or the sample is masked."""
+    """One part. residual (n, 4), A – recorded minus predicted, NaN where an axis has no recording, the model says
+    nothing (no tool engaged), or the sample is masked."""
 
     part: str
     time: Float1D

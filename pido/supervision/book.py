@@ -1,0 +1,140 @@
+"""The book of a machine's monitor: verdicts, alarms and the answers to them, one JSON line each, never changed.
+
+In:  records. Out: the same records, and what follows from the answers: `excluded.json`, the stretches not to learn from.
+
+A line is written under a lock in one call and flushed to disk; a line that a dying process left unfinished is ended and
+ignored. Watching the same part again with the same outcome writes nothing.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from pido.core.errors import RegistryError
+from pido.core.names import file_name
+from pido.monitoring.alarms import Alarm
+from pido.monitoring.answers import Answer
+from pido.workspace import Workspace, digest_of, write_atomically
+
+log = logging.getLogger(__name__)
+_ALARM = ("part", "axis", "t_start", "t_end", "tool", "block", "size_a", "spreads")
+
+
+class Book:
+    """Records of one machine, oldest first."""
+
+    def __init__(self, workspace: Workspace, machine: str) -> None:
+        self._workspace, self.machine = workspace, machine
+        self.path = workspace.monitor / file_name(machine) / "book.jsonl"
+
+    def records(self) -> list[dict[str, Any]]:
+        """Every whole line."""
+        if not self.path.exists():
+            return []
+        found = []
+        for number, line in enumerate(self.path.read_text(encoding="utf-8").splitlines(), start=1):
+            if not line.strip():
+                continue
+            try:
+                found.append(json.loads(line))
+            except json.JSONDecodeError:
+                log.warning("%s: line %d was left unfinished by a process that died; it is ignored", self.path, number)
+        return found
+
+    def verdict(self, record: dict[str, Any]) -> None:
+        """A part was judged. The newest record of a part counts."""
+        known = [r for r in self.records() if r["kind"] == "verdict" and r["digest"] == record["digest"]]
+        if known and {k: v for k, v in known[-1].items() if k not in ("at", "kind")} == record:
+            return
+        self._append({"kind": "verdict", **record})
+
+    def answer(self, alarm: str, *, true: bool, by: str, reason: str) -> dict[str, Any]:
+        """Somebody says what an alarm was; said again, the newer answer counts. Returns the alarm's record.
+
+        Raises RegistryError for an alarm that is not known, or an answer without a name or a reason.
+        """
+        if not by.strip() or not reason.strip():
+            raise RegistryError("An answer needs who gives it and why: give --by and --reason.")
+        known = self.alarms()
+        if alarm not in known:
+            raise RegistryError(f"machine {self.machine}: no alarm '{alarm}'. Known: {', '.join(known) or 'none'}.")
+        self._append({"kind": "answer", "alarm": alarm, "true": true, "by": by, "reason": reason})
+        self._exclude()
+        return known[alarm]
+
+    def alarms(self) -> dict[str, dict[str, Any]]:
+        """By identifier: those of every part's newest verdict, and older ones that were answered."""
+        records = self.records()
+        answered = {r["alarm"] for r in records if r["kind"] == "answer"}
+        newest = {r["digest"]: r for r in records if r["kind"] == "verdict"}
+        found: dict[str, dict[str, Any]] = {}
+        for record in (r for r in records if r["kind"] == "verdict"):
+            for alarm in record["alarms"]:
+                if record is newest[record["digest"]] or alarm["id"] in answered:
+                    found[alarm["id"]] = {**alarm, "digest": record["digest"]}
+        return found
+
+    def answers(self) -> list[Answer]:
+        """What was said last of each alarm; `Alarm.part` is the part's digest."""
+        alarms = self.alarms()
+        last = {r["alarm"]: r for r in self.records() if r["kind"] == "answer"}
+        return [Answer(as_alarm(alarms[i]), r["true"], r["by"], r["reason"]) for i, r in last.items() if i in alarms]
+
+    def open_alarms(self) -> list[Alarm]:
+        """Alarms that nobody has answered yet, `part` being the digest."""
+        answered = {r["alarm"] for r in self.records() if r["kind"] == "answer"}
+        return [as_alarm(alarm) for name, alarm in self.alarms().items() if name not in answered]
+
+    def _exclude(self) -> None:
+        stretches: dict[str, list[list[float]]] = {}
+        for answer in self.answers():
+            if answer.true:
+                stretches.setdefault(answer.alarm.part, []).append([answer.alarm.t_start, answer.alarm.t_end])
+        content = {part: sorted(where) for part, where in sorted(stretches.items())}
+        write_atomically(self.path.with_name("excluded.json"), json.dumps(content, sort_keys=True))
+
+    def _append(self, record: dict[str, Any]) -> None:
+        line = json.dumps({**record, "at": datetime.now(UTC).isoformat(timespec="seconds")}, sort_keys=True)
+        with self._held() as handle:
+            torn = handle.tell() > 0 and self.path.read_bytes()[-1:] != b"\n"
+            handle.write(("\n" if torn else "") + line + "\n")
+            handle.flush()
+            os.fsync(handle.fileno())
+
+    @contextmanager
+    def _held(self) -> Iterator[Any]:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self.path.open("a", encoding="utf-8") as handle:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            handle.seek(0, os.SEEK_END)
+            yield handle
+
+
+def alarm_id(machine: str, digest: str, alarm: Alarm) -> str:
+    """The same alarm of the same part has the same identifier."""
+    return digest_of([machine, digest, alarm.axis, round(alarm.t_start, 2), round(alarm.t_end, 2)])[:10]
+
+
+def as_alarm(record: dict[str, Any]) -> Alarm:
+    """An alarm from its record, its `part` being the digest."""
+    return Alarm(**{**{name: record[name] for name in _ALARM}, "part": record["digest"]})
+
+
+def find_alarm(workspace: Workspace, alarm: str) -> Book:
+    """The book that holds an alarm. Raises RegistryError where none does."""
+    for path in sorted(workspace.monitor.glob("*/book.jsonl")):
+        book = Book(workspace, unquote(path.parent.name))
+        if alarm in book.alarms():
+            return book
+    raise RegistryError(
+        f"{workspace.root}: no alarm '{alarm}' here. `pido monitor PART` shows the identifiers of its alarms."
+    )
