@@ -97,9 +97,12 @@ def peers(X: np.ndarray, y: np.ndarray, points: np.ndarray, centres: np.ndarray,
     return result
 
 
-def run() -> list[dict[str, Any]]:
+QUICK = {"n": 5_000, "b": 100, "large": (50_000, 500)}
+
+
+def run(n: int = 100_000, b: int = 1000, large: tuple[int, int] = (2_000_000, 10_000)) -> Iterator[dict[str, Any]]:
     """All rows of the table."""
-    return list(lines())
+    return lines(n, b, large, 5)
 
 
 def lines(

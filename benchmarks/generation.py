@@ -30,6 +30,9 @@ def smote_loop(inputs: np.ndarray, targets: np.ndarray, number: int, rng: np.ran
         _ = (far * targets[seed] + near * targets[other]) / (near + far)
 
 
+QUICK = {"number": 10_000, "bins": 200, "real": 5_000}
+
+
 def run(number: int = 1_000_000, bins: int = 10_000, real: int = 100_000) -> list[dict[str, Any]]:
     data, needed = samples(real), bins_of(bins)
     equations = fit_chosen(data, needed, MACHINE)

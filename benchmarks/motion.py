@@ -28,6 +28,9 @@ RUNS_S = ((1.0, 82.0), (82.8, 163.0), (163.5, 243.4))
 BOX_S = 0.082  # the publishers averaged over this time
 
 
+QUICK = {"lines": 10_000}
+
+
 def run(lines: int = 1_000_000) -> list[dict[str, Any]]:
     """Speed always; truth where the recordings are there."""
     rows = [_interpretation(lines), _planning()]

@@ -28,6 +28,9 @@ KINDS = ("CMD_SPEED", "CONT_DEV", "VEL_FFW", "TORQUE_FFW", "TORQUE", "POWER", "C
 SIGNALS = ["CYCLE", *(f"{kind}|{n}" for kind in KINDS for n in AXES)]
 
 
+QUICK = {"mb": 5.0, "rows": 5_000, "repeats": 2}
+
+
 def run(mb: float = 100.0, rows: int = 170_000, repeats: int = 5) -> list[dict[str, Any]]:
     """Every line of the table; smaller sizes for a quick look."""
     with tempfile.TemporaryDirectory() as folder:
