@@ -47,8 +47,8 @@ class Support:
         """
         if not len(samples):
             return np.zeros(0)
-        found, _ = self._tree.query(np.asarray(samples, float) / self._unit, k=list(range(1, self._count + 1)))
-        return np.mean(found, axis=1) / np.sqrt(len(self._unit))
+        found, _ = self._tree.query(np.asarray(samples, float) / self._unit, k=self._count)
+        return np.mean(np.reshape(found, (len(samples), -1)), axis=1) / np.sqrt(len(self._unit))
 
 
 @dataclass(frozen=True, eq=False)

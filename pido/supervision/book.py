@@ -1,6 +1,7 @@
 """The book of a machine's monitor: verdicts, alarms and the answers to them, one JSON line each, never changed.
 
-In:  records. Out: the same records, and what follows from the answers: `excluded.json`, the stretches not to learn from.
+In:  records.
+Out: the same records, and what follows from the answers: `excluded.json`, the stretches not to learn from.
 
 A line is written under a lock in one call and flushed to disk; a line that a dying process left unfinished is ended and
 ignored. Watching the same part again with the same outcome writes nothing.
@@ -15,7 +16,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 

@@ -1,0 +1,217 @@
+"""A part judged: the champion's prediction, the band, a verdict, and alarms in words.
+
+In:  a workspace, and a part: a stored one by name or digest, or a recording's path, which is only looked at.
+Out: `Judgement`; `keep` writes it into the machine's book.
+
+A part that the champion was trained on would be judged by what the model remembers of it. It is judged by what was said
+of it before it came, and the notes say so.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pido import production
+from pido.core.arrays import Float1D
+from pido.core.axes import AXES
+from pido.core.columns import INPUTS
+from pido.core.errors import RegistryError, StoreError
+from pido.core.recording import Recording
+from pido.core.samples import Samples
+from pido.models.axis_models import AxisModels
+from pido.models.inputs import model_inputs
+from pido.monitoring.alarms import Alarm, Verdict, judge
+from pido.monitoring.answers import to_calibrate_on
+from pido.monitoring.band import Band, learn
+from pido.monitoring.likeness import looks_like
+from pido.monitoring.residuals import PartResiduals
+from pido.parts import at_rate, look_at, recipe_of, samples_of
+from pido.store import Store
+from pido.supervision.book import Book, alarm_id
+from pido.supervision.residuals import held_out, known_residuals, on_the_clock, support
+from pido.tracking import bundle, promotion
+from pido.tracking.bundle import Bundle
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace
+
+log = logging.getLogger(__name__)
+AROUND_S = 3.0
+"""Before and after an alarm, what the residual is compared with signals over: a constant then shows as a step."""
+
+
+@dataclass(frozen=True, slots=True)
+class NamedAlarm:
+    """An alarm with its identifier, and the mechanism that it looks like at first sight."""
+
+    id: str
+    alarm: Alarm
+    looks_like: str
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """model : which version said what was expected; notes : what was assumed or could not be done."""
+
+    part: str
+    digest: str
+    machine: str
+    model: str
+    verdict: Verdict
+    alarms: tuple[NamedAlarm, ...]
+    band: Band
+    residuals: PartResiduals
+    notes: tuple[str, ...]
+
+    def record(self) -> dict[str, Any]:
+        """As plain values, for the book and for `--json`."""
+        return {
+            "part": self.part,
+            "digest": self.digest,
+            "machine": self.machine,
+            "model": self.model,
+            "good": self.verdict.good,
+            "judged": round(self.verdict.judged, 4),
+            "unwatched": list(self.verdict.unwatched),
+            "band": {
+                "parts": self.band.parts,
+                "threshold": round(self.band.threshold, 4),
+                "tolerate": self.band.tolerate,
+                "window_s": self.band.window_s,
+            },
+            "alarms": [named(a) for a in self.alarms],
+            "notes": list(self.notes),
+        }
+
+
+def named(one: NamedAlarm) -> dict[str, Any]:
+    """An alarm as plain values."""
+    a = one.alarm
+    return {
+        "id": one.id, "part": a.part, "axis": a.axis, "t_start": round(a.t_start, 3), "t_end": round(a.t_end, 3),
+        "tool": a.tool, "block": a.block, "size_a": round(a.size_a, 4), "spreads": round(a.spreads, 2),
+        "looks_like": one.looks_like,
+    }  # fmt: skip
+
+
+def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tolerate: float = 1.0) -> Judgement:
+    """Judge one part.
+
+    part : path of a recording, or name or digest of a stored part
+    tolerate : false alarms per 100 good parts, all axes together
+    Raises RegistryError while the machine has no model, StoreError for a part that is nowhere, FitError without any
+    residual to learn a band from; what `ingest` raises for a recording that cannot be used.
+    """
+    recording, samples, digest = _find(workspace, part, machine)
+    machine = recording.part.machine
+    expect = Expectation.of(workspace, machine)
+    notes = list(expect.notes)
+    if digest in expect.bundle.content["parts"]:
+        earlier = held_out(workspace, machine, digest)
+        if earlier is None:
+            raise StoreError(
+                f"part {recording.part.part}: {expect.model} was trained on it, and what was expected of it before is "
+                "gone. Judge a part that is not among the training parts, or run `pido iterate` on it again."
+            )
+        residuals = earlier
+        rows = _rows_on(residuals, recording, samples)
+        notes.append("the model has learnt from this part since; it is judged by what was expected before it came")
+    else:
+        inputs = model_inputs(samples, expect.models.inputs)
+        doubt = expect.distance(inputs)
+        residuals, rows = on_the_clock(digest, recording, samples, expect.models.predict_inputs(inputs), doubt)
+    band = expect.band(tolerate, without=digest)
+    verdict = judge(residuals, band)
+    signals = {name: samples.inputs[:, i] for i, name in enumerate(INPUTS)}
+    if "coolant" in recording:
+        signals["coolant"] = np.asarray(recording["coolant"], float)[samples.row]
+    alarms = tuple(
+        NamedAlarm(alarm_id(machine, digest, a), a, _likeness(a, residuals, rows, signals)) for a in verdict.alarms
+    )
+    if verdict.judged < 0.995:
+        notes.append(
+            f"{1 - verdict.judged:.0%} of the part is unlike anything that the model was tried on: not judged there"
+        )
+    return Judgement(recording.part.part, digest, machine, expect.model, verdict, alarms, band, residuals, tuple(notes))
+
+
+def keep(workspace: Workspace, judgement: Judgement) -> None:
+    """Write the verdict and its alarms into the machine's book."""
+    Book(workspace, judgement.machine).verdict(judgement.record())
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What a machine's model expects: champion, or the newest challenger while nothing was ever approved."""
+
+    workspace: Workspace
+    machine: str
+    bundle: Bundle
+    models: AxisModels
+    model: str
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, workspace: Workspace, machine: str) -> Expectation:
+        """Raises RegistryError while the machine has no model at all."""
+        in_force = promotion.champion(workspace, machine)
+        found = promotion.champion_bundle(workspace, machine)
+        if in_force is not None and found is not None:
+            return cls(
+                workspace, machine, found, production.models_in(found), f"champion version {in_force.version}", ()
+            )
+        versions = Ledger(workspace.ledger).versions(machine)
+        if not versions:
+            raise RegistryError(
+                f"{workspace.root}: machine '{machine}' has no model yet. `pido iterate PART` makes the first one."
+            )
+        found = bundle.verify(bundle.load(workspace.bundles, versions[-1].bundle))
+        note = "no version was approved yet: the newest challenger says what is expected"
+        return cls(
+            workspace,
+            machine,
+            found,
+            production.models_in(found),
+            f"challenger version {versions[-1].version}",
+            (note,),
+        )
+
+    def distance(self, inputs: np.ndarray) -> Float1D:
+        """(n,): how far model inputs lie from the rows that this model was trained on."""
+        return support(self.workspace, self.bundle.content["parts"], recipe_of(self.workspace)).distance(inputs)
+
+    def band(self, tolerate: float, without: str = "") -> Band:
+        """From the held-out residuals of the machine's other parts, with what people said of their alarms."""
+        book = Book(self.workspace, self.machine)
+        known = known_residuals(self.workspace, self.machine, without)
+        return learn(to_calibrate_on(known, book.open_alarms(), book.answers()), tolerate)
+
+
+def _find(workspace: Workspace, part: str, machine: str | None) -> tuple[Recording, Samples, str]:
+    """Recording at the method's rate, its rows, its digest."""
+    store = Store(workspace.store)
+    known = [e for e in store.entries(machine) if part == e.part or (len(part) >= 8 and e.digest.startswith(part))]
+    if len(known) > 1:
+        raise StoreError(f"'{part}' is a part of {', '.join(e.machine for e in known)}: name one with --machine.")
+    if known:
+        recording = at_rate(workspace, store.load(known[0].digest))
+        return recording, samples_of(workspace, known[0].digest), known[0].digest
+    if not Path(part).exists():
+        raise StoreError(f"'{part}' is neither a file or folder nor a part in {workspace.store}.")
+    return look_at(workspace, Path(part), machine)
+
+
+def _rows_on(residuals: PartResiduals, recording: Recording, samples: Samples) -> np.ndarray:
+    return np.clip(np.searchsorted(residuals.time, recording.time[samples.row] - 1e-6), 0, len(residuals.time) - 1)
+
+
+def _likeness(alarm: Alarm, residuals: PartResiduals, rows: np.ndarray, signals: Mapping[str, Float1D]) -> str:
+    time = residuals.time[rows]
+    around = (time >= alarm.t_start - AROUND_S) & (time <= alarm.t_end + AROUND_S)
+    residual = residuals.residual[rows[around], AXES.index(alarm.axis)]
+    return looks_like(alarm.axis, residual, {name: values[around] for name, values in signals.items()})

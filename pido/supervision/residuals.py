@@ -1,0 +1,190 @@
+"""Residuals of parts on which the model had not been trained: what a band is learnt from.
+
+In:  a workspace. Out: PartResiduals of every part that went through an iteration, as it stood when the part came.
+
+Each iteration says what it expects of the arriving part before it learns from it; those predictions are kept with the
+run. Nothing was known before the first part, so its rows are predicted in stretches, each by models of the others.
+What was found is kept in `derived/`, under the run's key.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
+from pido.core.axes import AXES
+from pido.core.columns import TIME
+from pido.core.recording import Recording
+from pido.core.samples import Samples
+from pido.feature_space.regional import folds
+from pido.iteration import Recipe
+from pido.models.axis_models import AxisModels
+from pido.models.inputs import model_inputs
+from pido.monitoring.doubt import Support
+from pido.monitoring.residuals import WINDOW_S, PartResiduals
+from pido.parts import at_rate, recipe_of, samples_of
+from pido.store import Store
+from pido.tracking import report_files
+from pido.tracking.ledger import Iteration, Ledger
+from pido.workspace import Workspace
+
+log = logging.getLogger(__name__)
+STRETCHES = 6
+
+
+def known_residuals(workspace: Workspace, machine: str, without: str = "") -> list[PartResiduals]:
+    """Held-out residuals of the machine's parts in production order; `part` is the digest.
+
+    without : digest of a part to leave out, because it is the one to be judged
+    A part whose run files are gone is left out, and the log says so.
+    """
+    last = {i.part: i for i in Ledger(workspace.ledger).iterations(machine)}
+    order = [e.digest for e in Store(workspace.store).entries(machine) if e.digest in last and e.digest != without]
+    found = [_kept(workspace, last[digest]) for digest in order]
+    return [one for one in found if one is not None]
+
+
+def held_out(workspace: Workspace, machine: str, digest: str) -> PartResiduals | None:
+    """The residuals of one known part by models that had not seen it, or None."""
+    mine = [i for i in Ledger(workspace.ledger).iterations(machine) if i.part == digest]
+    return _kept(workspace, mine[-1]) if mine else None
+
+
+def support(workspace: Workspace, digests: Sequence[str], recipe: Recipe) -> Support:
+    """Distances from the rows of these parts."""
+    return Support(np.vstack([model_inputs(samples_of(workspace, d), recipe.inputs) for d in digests]))
+
+
+def on_the_clock(
+    part: str, recording: Recording, samples: Samples, predicted: Float2D, doubt: Float1D
+) -> tuple[PartResiduals, Int1D]:
+    """Residuals at even times, and where on them each row lies (n,).
+
+    recording : at the method's rate, as the rows are numbered; a pause in it keeps at least a window's length, so that
+        no window reaches across it
+    """
+    time = recording.time
+    step = float(np.median(np.diff(time)))
+    longest = max(2, int(np.ceil(WINDOW_S / step)) + 1)
+    steps = np.clip(np.rint(np.diff(time) / step).astype(np.int64), 1, longest)
+    place = np.concatenate([[0], np.cumsum(steps)])
+    n = int(place[-1]) + 1
+    clock = np.interp(np.arange(n), place, time)
+    nearest = np.searchsorted(place, np.arange(n), side="right") - 1
+    rows = place[samples.row]
+    residual, said, away = np.full((n, len(AXES)), np.nan), np.full((n, len(AXES)), np.nan), np.full(n, np.nan)
+    residual[rows], said[rows], away[rows] = samples.currents - predicted, predicted, doubt
+    tool, block = _tool(recording)[nearest], _block(recording)[nearest]
+    program = recording.part.program or ""
+    return PartResiduals(part, clock, residual, said, tool, block, away, program), rows
+
+
+def _kept(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
+    path = workspace.derived / f"residuals-{iteration.run_key[:24]}.parquet"
+    if not path.exists():
+        made = _make(workspace, iteration)
+        if made is None:
+            return None
+        _save(made, path)
+    return _load(iteration.part, path)
+
+
+def _make(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
+    digest = iteration.part
+    folder = workspace.runs / iteration.run_key
+    if not folder.exists():
+        log.warning("%s: the files of its iteration are gone; the band does without it", digest[:12])
+        return None
+    files = report_files.load(workspace.runs, iteration.run_key)
+    recipe = recipe_of(workspace)
+    samples = samples_of(workspace, digest)
+    before = [d for d in files.summary["parts"] if d != digest]
+    if before and len(files.trace) == len(samples) and f"both_{AXES[0]}" in files.trace:
+        predicted = files.trace[[f"both_{axis}" for axis in AXES]].to_numpy(float)
+        doubt = support(workspace, before, recipe).distance(model_inputs(samples, recipe.inputs))
+    elif before:
+        log.warning("%s: what was expected of it was kept for other rows; the band does without it", digest[:12])
+        return None
+    else:
+        predicted, doubt = _in_stretches(samples, recipe, workspace.settings.seed)
+    stored = Store(workspace.store).load(digest)
+    return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, predicted, doubt)[0]
+
+
+def _in_stretches(samples: Samples, recipe: Recipe, seed: int) -> tuple[Float2D, Float1D]:
+    """(n, 4), A, and (n,): each stretch as models of the others see it."""
+    fold = folds(samples, STRETCHES)
+    columns = model_inputs(samples, recipe.inputs)
+    predicted, doubt = np.full((len(samples), len(AXES)), np.nan), np.full(len(samples), np.nan)
+    for k in np.unique(fold):
+        out = fold == k
+        if out.all():
+            continue
+        rest = AxisModels.fit(samples.take(~out), choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
+        predicted[out] = rest.predict(samples.take(out))
+        doubt[out] = Support(columns[~out]).distance(columns[out])
+    return predicted, doubt
+
+
+def _bare(recording: Recording) -> Recording:
+    """Only what says when, with which tool and in which block."""
+    return Recording(recording.part, {n: v for n, v in recording.columns.items() if n in (TIME, "tool_id", "nc_line")})
+
+
+def _tool(recording: Recording) -> Array1D:
+    if "tool_id" in recording:
+        return np.array([_name(v) for v in recording["tool_id"]], object)
+    tool = np.full(len(recording), "", object)
+    for change in sorted(recording.part.tool_changes, key=lambda c: c.t):
+        tool[recording.time >= change.t] = str(change.tool_id)
+    return tool
+
+
+def _name(value: object) -> str:
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return ""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
+
+
+def _block(recording: Recording) -> Int1D:
+    if "nc_line" not in recording:
+        return np.full(len(recording), -1, np.int64)
+    line = np.asarray(recording["nc_line"], float)
+    return np.where(np.isfinite(line), line, -1).astype(np.int64)
+
+
+def _save(part: PartResiduals, path: Path) -> None:
+    columns: dict[str, Array1D] = {"time": part.time, "tool": part.tool.astype(str), "block": part.block}
+    columns |= {f"residual_{axis}": part.residual[:, i] for i, axis in enumerate(AXES)}
+    columns |= {f"predicted_{axis}": part.predicted[:, i] for i, axis in enumerate(AXES)}
+    table = pd.DataFrame(columns).assign(doubt=part.doubt)
+    table.attrs = {"program": part.program}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        table.to_parquet(temporary, index=False)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _load(part: str, path: Path) -> PartResiduals:
+    table = pd.read_parquet(path)
+    residual, predicted = (
+        np.ascontiguousarray(table[[f"{kind}_{axis}" for axis in AXES]].to_numpy(float))
+        for kind in ("residual", "predicted")
+    )
+    tool, block, doubt = (
+        table["tool"].to_numpy(object),
+        table["block"].to_numpy(np.int64),
+        table["doubt"].to_numpy(float),
+    )
+    return PartResiduals(
+        part, table["time"].to_numpy(float), residual, predicted, tool, block, doubt, table.attrs["program"]
+    )
