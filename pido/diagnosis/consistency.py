@@ -16,12 +16,13 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from pido.core.arrays import Bool1D, Float1D
 
 _FACTOR = 12.0  # robust deviations that two signals never differ by
-_TAIL = 3.0  # times the difference that one sample in two hundred exceeds
+_TAIL = 6.0  # times the difference that one sample in ten exceeds
+_EDGE = 2  # steps at either end of a stretch
 _NEGLIGIBLE = 2e-3  # of the largest values of a signal: a smaller contradiction does no harm
 _REACH = 4  # samples to either side that a filter in the control may delay or blur one signal against another
 _LATE = 1.5  # steps that a clock may be wrong by
-_COARSE_S = 0.05  # an acceleration comes and goes in less: records with longer steps cannot contradict one
-_FROZEN_S, _FROZEN_ROWS = 0.3, 5  # a signal that repeats itself to the last digit for so long may be frozen
+_COARSE_S = 0.05  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
+_FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
 _SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
 _FEWEST = 50
@@ -101,20 +102,19 @@ def _position_and_speed(
     for name, stretches in zip(("pos", "v"), held, strict=True):
         frozen = np.zeros(len(time), bool)
         for i, j in stretches:
-            off = rate[i:j]
-            lost = abs(float(np.sum(gap[i:j])))
-            if (
-                float(np.sqrt(np.mean(off**2))) > usual / 1.5
-                and lost > _GRAINS * grain
-                and lost > 0.5 * np.sum(np.abs(gap[i:j]))
-            ):
+            # Without the steps in which one signal begins or ends a move before the other.
+            inner = slice(i + _EDGE, max(j - _EDGE, i + _EDGE + 1))
+            lost, way = abs(float(np.sum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
+            size = float(np.sqrt(np.mean(rate[inner] ** 2)))
+            if size > usual / 1.5 and lost > max(_GRAINS * grain, 0.5 * way):
                 frozen[i : j + 1] = True
         getattr(out, name)[FROZEN] = frozen
     frozen = out.pos[FROZEN] | out.v[FROZEN]
     # Spread of each signal around a step; a step between the samples i and i + 1 belongs to i + 1.
     rough_pos, rough_v = _spread(np.where(use, moved / step, np.nan_to_num(moved / step))), _spread(v)[1:]
     # A sample that was taken a step late, or left out, moves the position by what the speed says.
-    limit = usual + np.minimum(rough_pos, rough_v) + _LATE * np.abs(expected / step)
+    late = np.where(rough_pos > rough_v, _LATE * np.abs(expected / step), 0.0)
+    limit = usual + np.minimum(rough_pos, rough_v) + late
     bad = (np.abs(rate) > limit) & steady & ~suspect[1:] & ~suspect[:-1] & ~(frozen[1:] & frozen[:-1])
     # Where a frozen position lets go it catches up: that jump belongs to the frozen stretch.
     near = np.convolve(frozen, np.ones(3), "same") > 0
@@ -124,7 +124,7 @@ def _position_and_speed(
     for i, j in runs(_closed(bad)):
         if np.max(rough_pos[i : j + 1]) >= np.max(rough_v[i : j + 1]):
             jumps.append((i + 1, j + 1, float(np.sum(gap[i : j + 1]))))
-        else:
+        elif np.median(step) <= _COARSE_S:
             spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _calm(v, i, j + 1)) > 0.5 * usual
     spike = np.zeros(len(time), bool)
     k = 0
@@ -187,7 +187,7 @@ def runs(rows: Bool1D) -> list[tuple[int, int]]:
 def _usual(difference: Float1D, signal: Float1D) -> float:
     """A size that the difference of two signals that belong together never reaches."""
     least = _NEGLIGIBLE * float(np.quantile(np.abs(signal), 0.999))
-    return max(_FACTOR * _deviation(difference), _TAIL * float(np.quantile(np.abs(difference), 0.995)), least, 1e-9)
+    return max(_FACTOR * _deviation(difference), _TAIL * float(np.quantile(np.abs(difference), 0.9)), least, 1e-9)
 
 
 def _deviation(values: Float1D) -> float:

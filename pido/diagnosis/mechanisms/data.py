@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, column, nothing
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
 
@@ -75,13 +75,38 @@ class SensorOffset(Mechanism):
 
 
 class SensorClipping(_OfSimulation):
-    """The measured current is limited: all that the simulation has beyond the limit is missing."""
+    """The measured current is limited: all that the simulation has beyond is missing; `side`: 0 both, 1 upper, 2 lower.
+
+    Exact limits of a recorded current are found by `pido.diagnosis.faults.clipping`; this is the limit as the
+    simulation shows it, where noise or a filter after the limit hides the flat top.
+    """
 
     id = "sensor_clipping"
-    equation = "dI = -c * (|I_sim| - I_max)+ * sgn(I_sim), c near 1"
+    equation = "dI = -c * (|I_sim| - I_max)+ * sgn(I_sim) on both sides or one, c near 1"
     amplitudes = (Parameter("c", "–", low=0.7, high=1.3),)
-    shape = (Parameter("I_max", "A", low=0.2, high=60.0, scale="log", points=16),)
-    summary = "{axis} axis, wherever the current would exceed {I_max:.3g} A"
+    shape = (Parameter("I_max", "A", low=0.001, high=500.0, scale="log", points=16), choice("side", 3))
 
-    def regressors(self, state, *, I_max):
-        return nothing(state) if state.sim is None else column(-beyond(state.sim, I_max))
+    def regressors(self, state, *, I_max, side):
+        if state.sim is None:
+            return nothing(state)
+        over = -beyond(state.sim, I_max)
+        sign = (0.0, 1.0, -1.0)[int(np.clip(round(side), 0, 2))]
+        return column(over if sign == 0 else over * (sign * state.sim > 0))
+
+    def starts(self, states):
+        """Limits at quantiles of the simulated current's size, on each side that it reaches."""
+        sims = [s.sim[np.isfinite(s.sim)] for s in states if s.sim is not None]
+        sim = np.concatenate(sims) if sims else np.zeros(0)
+        out = []
+        for side, part in ((0.0, np.abs(sim)), (1.0, sim[sim > 0]), (2.0, -sim[sim < 0])):
+            limits = np.quantile(part, (0.6, 0.8, 0.9, 0.95, 0.98, 0.995)) if len(part) else ()
+            out += [{"I_max": float(v), "side": side} for v in dict.fromkeys(limits) if v > 0]
+        return tuple(out)
+
+    def around(self, name, shape, states):
+        return (shape[name] / 1.6, shape[name] * 1.6) if name == "I_max" else (shape[name], shape[name])
+
+    def conditions(self, axis, shape):
+        limit = f"{shape['I_max']:.3g}"
+        sides = (f"|curr_{axis}_sim| > {limit}", f"curr_{axis}_sim > {limit}", f"curr_{axis}_sim < -{limit}")
+        return f"{axis} axis, wherever the current would exceed {limit} A", (sides[round(shape["side"])],)

@@ -167,7 +167,7 @@ class MaterialHardZone(Mechanism):
             y.append(place[1][good])
             force.append(f[good])
             value.append(v[good])
-        found = best_rectangle(*(np.concatenate(v) for v in (x, y, force, value)))
+        found = best_rectangle(np.concatenate(x), np.concatenate(y), np.concatenate(force), np.concatenate(value))
         if found is None:
             return ()
         (x_c, half_x), (y_c, half_y) = found

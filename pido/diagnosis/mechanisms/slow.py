@@ -5,10 +5,14 @@ In:  `AxisState`. Out: mechanisms of the catalogue; warming is in `pido.physics.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from pido.core.arrays import Float1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
 from pido.diagnosis.mechanisms.friction import direction
+from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
 from pido.physics.thermal import coldness, coldness_after
 
@@ -17,16 +21,17 @@ class ThermalDrift(Mechanism):
     """A load that goes to a steady value, first order.
 
     clock : 0 every part starts cold, 1 cold at the first part only, 2 cooling in the pauses between parts
-    along : 0 a constant load, 1 against the motion; rises : 0 fades from cold, 1 grows towards the steady value
+    along : 0 a constant load, 1 against the motion, 2 with the speed (oil thins as it warms)
+    rises : 0 fades from cold, 1 grows towards the steady value
     """
 
     id = "thermal_drift"
-    equation = "dI = T * exp(-t / tau) or T * (1 - exp(-t / tau)), constant or along sgn(v)"
-    amplitudes = (Parameter("T", "A"),)
+    equation = "dI = T * exp(-t / tau) or T * (1 - exp(-t / tau)), constant or along sgn(v) or v"
+    amplitudes = (Parameter("T", "A or A/(mm/s)"),)
     shape = (
         Parameter("tau", "s", low=10.0, high=20000.0, scale="log", points=8),
         choice("clock", 3),
-        choice("along", 2),
+        choice("along", 3),
         choice("rises", 2),
     )
     summary = "{axis} axis, changing over the time since start with a time constant of {tau:.3g} s"
@@ -42,7 +47,30 @@ class ThermalDrift(Mechanism):
         else:
             cold = coldness(state.time, tau, coldness_after(state.earlier, float(state.clock[0]), tau))
         level = 1.0 - cold if round(rises) == 1 else cold
-        return column(level * (direction(state) if round(along) == 1 else 1.0))
+        factor = (np.ones(len(cold)), direction(state), state.v * state.moving)[int(np.clip(round(along), 0, 2))]
+        return column(level * factor)
+
+    def starts(self, states):
+        """Five time constants between a fifth of the longest part and three times the whole time on the clock."""
+        longest = max(float(s.time[-1] - s.time[0]) for s in states)
+        first, last = states[0].clock, states[-1].clock
+        timed = first is not None and last is not None and all(s.earlier is not None for s in states)
+        whole = float(last[-1] - first[0]) if timed and first is not None and last is not None else longest
+        clocks = (0.0,) if not timed else (0.0, 1.0, 2.0) if len(states) > 1 else (0.0, 2.0)
+        low, high = self.shape[0].low or 0.0, self.shape[0].high or np.inf
+        taus = np.clip(np.geomspace(0.2 * longest, max(3 * whole, longest), 5), low, high)
+        return tuple(
+            {"tau": float(tau), "clock": clock, "along": along, "rises": rises}
+            for tau in dict.fromkeys(taus.tolist())
+            for clock in clocks
+            for along in (0.0, 1.0, 2.0)
+            for rises in (0.0, 1.0)
+        )
+
+    def around(self, name, shape, states):
+        if name != "tau":
+            return shape[name], shape[name]
+        return max(self.shape[0].low or 0.0, shape["tau"] / 3), min(self.shape[0].high or np.inf, shape["tau"] * 3)
 
     def needs(self, states):
         longest = max(float(s.time[-1] - s.time[0]) for s in states)
@@ -50,19 +78,58 @@ class ThermalDrift(Mechanism):
 
 
 class CurrentSaturation(Mechanism):
-    """More current than torque once iron saturates; `form`: 0 beyond a knee, 1 with the square, 2 with the cube."""
+    """A current that is no longer proportional to torque.
+
+    form : 0 what lies beyond a knee, 1 grows with the square, 2 with the cube, 3 bends towards I_k (hyperbolic tangent)
+    """
 
     id = "current_saturation"
-    equation = "dI = s * (|I_sim| - I_k)+ * sgn(I_sim), or s * I_sim * (|I_sim| / I_k)^1, ^2"
-    amplitudes = (Parameter("s", "–", low=-0.6),)
-    shape = (Parameter("I_k", "A", low=0.3, high=40.0, scale="log", points=9), choice("form", 3))
-    summary = "{axis} axis, at high torque, beyond {I_k:.3g} A"
+    equation = "dI = s * (|I| - I_k)+ * sgn(I), s * I * |I|, s * I^3 or s * (I - I_k * tanh(I / I_k)); I simulated"
+    amplitudes = (Parameter("s", "–, 1/A or 1/A²", low=-1.2),)
+    shape = (Parameter("I_k", "A", low=0.01, high=200.0, scale="log", points=9), choice("form", 4))
 
     def regressors(self, state, *, I_k, form):
-        if state.sim is None:
+        sim = state.sim
+        if sim is None:
             return nothing(state)
-        k = int(np.clip(round(form), 0, 2))
-        return column(beyond(state.sim, I_k) if k == 0 else state.sim * (np.abs(state.sim) / I_k) ** k)
+        form = int(np.clip(round(form), 0, 3))
+        if form == 0:
+            return column(beyond(sim, I_k))
+        if form == 3:
+            return column(sim - I_k * np.tanh(sim / I_k))
+        return column(sim * np.abs(sim) ** form)
 
     def needs(self, states):
-        return "no simulated current of this axis" if any(s.sim is None for s in states) else None
+        if any(s.sim is None for s in states):
+            return "no simulated current of this axis"
+        return None if any(np.ptp(_sizes([s])) > 0 for s in states) else "the simulated current never changes"
+
+    def starts(self, states):
+        """Knees at quantiles of the simulated current's size; the powers have none."""
+        sizes = _sizes(states)
+        knees = [float(k) for k in dict.fromkeys(np.quantile(sizes, (0.5, 0.75, 0.9, 0.97, 0.995))) if k > 0]
+        top = max(float(sizes.max()), 0.01)
+        bends = [(top * share, 3.0) for share in (0.5, 1.0, 2.0)]
+        return tuple({"I_k": k, "form": f} for k, f in (*((k, 0.0) for k in knees), (1.0, 1.0), (1.0, 2.0), *bends))
+
+    def around(self, name, shape, states):
+        form, knee = round(shape["form"]), shape["I_k"]
+        if name != "I_k" or form in (1, 2):
+            return shape[name], shape[name]
+        return knee / 2, knee * 2
+
+    def free(self, shape):
+        return 0 if round(shape["form"]) in (1, 2) else 1
+
+    def conditions(self, axis, shape):
+        if round(shape["form"]) == 0:
+            return f"{axis} axis, at high torque, beyond {shape['I_k']:.3g} A", (
+                f"|curr_{axis}_sim| > {shape['I_k']:.3g}",
+            )
+        return f"{axis} axis, at high torque, more the higher it is", ()
+
+
+def _sizes(states: Sequence[AxisState]) -> Float1D:
+    """A, size of the simulated current of every sample."""
+    found = [np.abs(s.sim[np.isfinite(s.sim)]) for s in states if s.sim is not None]
+    return np.concatenate([f for f in found if len(f)] or [np.zeros(1)])
