@@ -3,13 +3,14 @@
 In:  kind, strength, seed.
 Out: `Case`: parts as recorded, each with a simulation, and the truth.
 
-Kinds: every id of the diagnosis vocabulary; 'miscalibrated:<id>'; 'none'; 'pair' (two effects); 'region:<id>' (only in a
-box of v_x, v_y); 'confounded:<id>' (its driver varies together with another one).
+Kinds: every id of the diagnosis vocabulary; 'miscalibrated:<id>'; 'none'; 'pair' (two effects); 'region:<id>' (only in
+a box of v_x, v_y); 'confounded:<id>' (its driver varies together with another one).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -58,9 +59,11 @@ KINDS: tuple[str, ...] = (
     *(f"confounded:{m}" for m in CONFOUNDED),
     "none",
 )
+DRAWS = 8
+"""Attempts at an effect that acts in the parts at hand."""
 _PAIRABLE = ("stribeck_friction", "presliding_hysteresis", "viscous_friction", "load_dependent_friction",
-             "torque_ripple", "axis_coupling", "coolant_load", "thermal_drift", "position_dependent_friction", "edge_force",
-             "external_force", "spindle_windage", "tool_wear")  # fmt: skip
+             "torque_ripple", "axis_coupling", "coolant_load", "thermal_drift", "position_dependent_friction",
+             "edge_force", "external_force", "spindle_windage", "tool_wear")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +108,28 @@ def draw_case(
     form, _, what = kind.rpartition(":") if kind.startswith(("region:", "confounded:")) else ("", "", kind)
     jobs = _some_parts(mill, n, form, what, rng)
     courses = mill.plan(jobs)
-    wanted = _effects(form, what, strength, mill, courses, rng)
-    effects = equip(mill, courses, wanted, rng, rate_hz)
+    effects = _equipped(form, what, strength, mill, courses, rng, rate_hz)
     if what == "time_misalignment":  # the file's clock is wrong, so every current of it is
         effects = on_all_axes(mill, courses, effects[0], rate_hz)
     made = produce(mill, courses, effects, seed=int(rng.integers(2**31)), rate_hz=rate_hz)
     imitators = CONFOUNDED[what] if form == "confounded" else ()
     return Case(kind, strength, seed, mill.machine.id, tuple(made), effects, imitators)
+
+
+def _equipped(
+    form: str,
+    what: str,
+    strength: float,
+    mill: VirtualMill,
+    courses: Sequence[Course],
+    rng: np.random.Generator,
+    rate_hz: float,
+) -> tuple[Effective, ...]:
+    """Effects that act in these parts: an axis, region or second effect that does not is drawn again."""
+    for _ in range(DRAWS - 1):
+        with suppress(SettingsError):
+            return equip(mill, courses, _effects(form, what, strength, mill, courses, rng), rng, rate_hz)
+    return equip(mill, courses, _effects(form, what, strength, mill, courses, rng), rng, rate_hz)
 
 
 def _some_mill(rng: np.random.Generator) -> VirtualMill:
@@ -124,8 +142,8 @@ def _some_mill(rng: np.random.Generator) -> VirtualMill:
     drives = {
         axis: replace(
             d, table_kg=own(d.table_kg), coulomb_n=own(d.coulomb_n), stribeck_n=own(d.stribeck_n),
-            viscous=own(d.viscous), stribeck_mm_s=own(d.stribeck_mm_s), gravity_n=own(d.gravity_n), ripple_n=own(d.ripple_n),
-            bristle_n_mm=own(d.bristle_n_mm), ripple_phase=float(rng.uniform(0, 2 * np.pi)),
+            viscous=own(d.viscous), stribeck_mm_s=own(d.stribeck_mm_s), gravity_n=own(d.gravity_n),
+            ripple_n=own(d.ripple_n), bristle_n_mm=own(d.bristle_n_mm), ripple_phase=float(rng.uniform(0, 2 * np.pi)),
         )
         for axis, d in mill.drives.items()
     }  # fmt: skip

@@ -79,7 +79,7 @@ def notch(machine: Machine, material: str = "S235JR", **options: Any) -> list[Pa
 def variants(
     machine: Machine, shape: str, material: str, *, vary: str = "none", a_p: float | None = None, start_s: float = 0.0
 ) -> list[PartJob]:
-    """Three parts: all baseline ('none'), or low, baseline, high depth ('a_p') or speed and feed ('SF') (paper, table 1)."""
+    """Three parts: all baseline ('none'); low, baseline, high depth ('a_p') or speed and feed ('SF') (table 1)."""
     if vary not in ("none", "a_p", "SF"):
         raise SettingsError(f"vary = '{vary}': known are none, a_p, SF.")
     feed, speed = BASELINE[material]

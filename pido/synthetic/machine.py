@@ -39,7 +39,8 @@ class VirtualMill:
     """machine: limits; drives: per linear axis; thermal_share: by how much Coulomb friction falls when warm.
 
     reaction: share of the simulated process force that the drives feel. Forces are those of one tooth at its mean chip
-    (paper, section III-B), which over the engagement and with the published coefficients is several times the mean force.
+    (paper, section III-B), which over the engagement and with the published coefficients is several times the
+    mean force.
     """
 
     machine: Machine

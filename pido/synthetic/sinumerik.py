@@ -75,7 +75,8 @@ def write_sinumerik(produced: Produced, path: Path) -> Path:
         counter = FIRST_CYCLE + int(at)
         events.append((int(at), {"HFBlockEvent": {
             "HFProbeCounter": counter, "Channel": 1, "SeekOffset": _offset(produced, int(at)),
-            "SelectedTool": int(tool), "ActiveTool": int(tool), "GCode": text, "IpoGC": text.split(" ")[0] if text[:1] == "G" else "G1",
+            "SelectedTool": int(tool), "ActiveTool": int(tool), "GCode": text,
+            "IpoGC": text.split(" ")[0] if text[:1] == "G" else "G1",
             "ipoReadError": None, "laBuf": 1,
         }}))  # fmt: skip
     for at in range(0, n, 500):
