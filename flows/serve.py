@@ -40,7 +40,8 @@ def main(folder: Path) -> None:
         nightly.to_deployment("nightly", parameters=place, cron=cron),
         promote.to_deployment("approval", parameters=place),
     ]
-    serve(*deployments, limit=2)
+    # Not paused while the worker is away: what is asked for meanwhile waits for it.
+    serve(*deployments, limit=2, pause_on_shutdown=False)
 
 
 def _beat(path: Path) -> None:

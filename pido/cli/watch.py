@@ -41,6 +41,8 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     from pido.workspace import Workspace
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    for chatty in ("httpx", "watchfiles"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
     workspace = Workspace.open(folder)
     take = _through_prefect(workspace, machine) if prefect else _in_this_process(workspace, machine)
     watched = Inbox(inbox, workspace.settings.settle_s)

@@ -1,0 +1,87 @@
+"""A real PostgreSQL of the plant's own: made, reached by password only, backed up while it runs, restored elsewhere."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import psycopg2
+import pytest
+
+from deploy import backup, postgres
+from deploy.plant import Plant, with_free_ports
+from deploy.settings import PlantSettings, load
+from pido.core.errors import PidoError
+
+
+def _installed() -> bool:
+    try:
+        postgres.programs()
+        postgres.user()
+    except PidoError:
+        return False
+    return True
+
+
+pytestmark = [
+    pytest.mark.servers,
+    pytest.mark.skipif(not _installed(), reason="PostgreSQL is not installed (Debian: apt-get install postgresql)"),
+]
+
+
+@pytest.fixture
+def folder():
+    """A place that the database's own user may enter, which pytest's temporary folders are not."""
+    place = Path(tempfile.mkdtemp(prefix="pido-plant-", dir="/tmp"))
+    place.chmod(0o755)
+    yield place
+    shutil.rmtree(place)
+
+
+def connect(settings: PlantSettings, password: str):
+    return psycopg2.connect(host="127.0.0.1", port=settings.postgres_port, user=settings.postgres_user,
+                            password=password, dbname="prefect", connect_timeout=5)  # fmt: skip
+
+
+def rows(settings: PlantSettings) -> list[tuple]:
+    connection = connect(settings, settings.postgres_password)
+    with connection, connection.cursor() as cursor:
+        cursor.execute("SELECT name FROM kept")
+        found = cursor.fetchall()
+    connection.close()
+    return found
+
+
+def test_everything_comes_back_from_one_backup_file(folder):
+    settings = with_free_ports(load(folder / "old"))
+    with Plant(settings, only=("postgres",)):
+        with pytest.raises(psycopg2.OperationalError, match="authentication failed"):
+            connect(settings, "guessed")
+        connection = connect(settings, settings.postgres_password)
+        with connection, connection.cursor() as cursor:
+            cursor.execute("CREATE TABLE kept(name TEXT)")
+            cursor.execute("INSERT INTO kept VALUES ('a run')")
+        connection.close()
+        (settings.workspace / "store").mkdir()
+        (settings.workspace / "store" / "part").write_text("rows")
+        backup.backup(settings, folder / "backup.tar")
+    backup.unpack(folder / "backup.tar", folder / "new")
+    again = with_free_ports(load(folder / "new"))
+    with Plant(again, only=("postgres",)):
+        backup.restore_databases(again)
+        assert rows(again) == [("a run",)]
+    assert (again.workspace / "store" / "part").read_text() == "rows"
+    with pytest.raises(psycopg2.OperationalError):
+        connect(again, again.postgres_password)  # stopped with its block
+
+
+def test_a_service_that_dies_is_started_again(folder):
+    settings = with_free_ports(load(folder / "plant"))
+    with Plant(settings, only=("postgres",)) as plant:
+        first = plant.running["postgres"]
+        first.kill()
+        first.wait()
+        plant.look_after()
+        assert plant.running["postgres"].pid != first.pid
+        connect(settings, settings.postgres_password).close()

@@ -1,0 +1,130 @@
+"""Iterations in MLflow: everything an engineer asks for, once, whatever is repeated or was cut off."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from flows.demo_parts import parts as made_up
+from pido import plain
+from pido.recordings.folder import write_folder
+from pido.tracking import promotion
+from pido.tracking.ledger import Ledger
+from pido.tracking.log import KEY, log_pending
+from pido.tracking.mirror import reconcile
+from pido.tracking.mlflow_store import client, experiment, model_names
+from pido.workspace import Workspace
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::FutureWarning"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+MACHINE = "cmx600v"
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory) -> Workspace:
+    root: Path = tmp_path_factory.mktemp("plant")
+    (root / "workspace.toml").write_text("[method]\nadaptive = false\ncompare_with_model = false\n")
+    place = Workspace.open(root)
+    for part in made_up(2):
+        folder = write_folder(part.rows(slice(0, 600)), root / "given" / part.part.part)
+        answer = plain.run(place, [folder], None, lambda done, total, what: None)
+        assert answer["fault"] == ""
+    return place
+
+
+def finished_runs(workspace: Workspace) -> list:
+    with client(workspace) as store:
+        return store.search_runs([experiment(workspace, store, MACHINE)], "attributes.status = 'FINISHED'")
+
+
+def forget_that_it_was_logged(workspace: Workspace) -> None:
+    with sqlite3.connect(workspace.ledger) as db:
+        db.execute("UPDATE iterations SET logged = ''")
+    db.close()
+
+
+def versions(workspace: Workspace) -> dict[str, list]:
+    with client(workspace) as store:
+        return {n: store.search_model_versions(f"name = '{n}'") for n in model_names(MACHINE).values()}
+
+
+def test_a_run_holds_data_sets_parameters_metrics_figures_and_four_models(workspace):
+    run = max(finished_runs(workspace), key=lambda r: int(r.data.tags["pido.version"]))
+    for axis in ("x", "y", "z", "sp"):
+        for trained_on in ("real", "pia", "pie", "both", "constant", "friction line", "nearest commands"):
+            for measure in ("rmse", "r2", "mae", "error_99"):
+                assert f"{measure}_{axis}/{trained_on}" in run.data.metrics
+    assert {"balance/before", "balance/after", "rows/real", "rows/pia", "rows/pie"} <= set(run.data.metrics)
+    assert run.data.params["seed"] == "0"
+    logged = {i.dataset.name: i for i in run.inputs.dataset_inputs}
+    assert "real" in logged
+    assert len(run.data.tags["pido.data.real"]) == 64
+    with client(workspace) as store:
+        files = {Path(f.path).name for f in store.list_artifacts(run.info.run_id, "iteration")}
+    assert {"balance.png", "errors.png", "part.png", "bins.csv", "summary.json"} <= files
+    assert [len(v) for v in versions(workspace).values()] == [2, 2, 2, 2]
+
+
+def test_a_registered_model_has_signature_and_example_and_predicts_as_the_bundle_does(workspace):
+    from mlflow.models import get_model_info
+
+    with client(workspace) as store:
+        name = model_names(MACHINE)["x"]
+        found = store.get_model_version_by_alias(name, "challenger")
+        info = get_model_info(f"models:/{name}/{found.version}")
+    assert info.signature.inputs.input_names()[0] == "v_x"
+    assert info.saved_input_example_info is not None
+
+
+def test_logging_again_makes_no_new_run_and_no_new_version(workspace):
+    before = {r.info.run_id for r in finished_runs(workspace)}
+    forget_that_it_was_logged(workspace)
+    log_pending(workspace)
+    assert {r.info.run_id for r in finished_runs(workspace)} == before
+    assert [len(v) for v in versions(workspace).values()] == [2, 2, 2, 2]
+
+
+def test_a_run_that_was_cut_off_is_replaced_by_a_whole_one(workspace):
+    victim = finished_runs(workspace)[0]
+    with client(workspace) as store:
+        store.update_run(victim.info.run_id, status="RUNNING")
+    forget_that_it_was_logged(workspace)
+    log_pending(workspace)
+    after = finished_runs(workspace)
+    assert len(after) == 2
+    assert len({r.data.tags[KEY] for r in after}) == 2
+    assert victim.info.run_id not in {r.info.run_id for r in after}
+    assert [len(v) for v in versions(workspace).values()] == [2, 2, 2, 2]
+
+
+def test_the_aliases_follow_what_is_in_force_in_the_workspace(workspace, monkeypatch):
+    passed = Ledger(workspace.ledger).versions(MACHINE)
+    with sqlite3.connect(workspace.ledger) as db:
+        db.execute('UPDATE versions SET gate = \'{"passed": true, "words": "set by this test"}\'')
+    db.close()
+    promotion.approve(workspace, MACHINE, passed[0].version, by="A. Ito", reason="a test")
+    for _ in range(2):
+        reconcile(workspace, MACHINE)
+        with client(workspace) as store:
+            for name in model_names(MACHINE).values():
+                number = {a: store.get_model_version_by_alias(name, a).tags["pido.version"] for a in
+                          ("champion", "challenger")}  # fmt: skip
+                assert number == {"champion": "1", "challenger": "2"}
+
+
+def test_a_server_that_is_away_holds_no_iteration_up(tmp_path, monkeypatch):
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    (tmp_path / "workspace.toml").write_text(
+        'tracking_uri = "http://127.0.0.1:9"\n[method]\nadaptive = false\ncompare_with_model = false\n'
+    )
+    place = Workspace.open(tmp_path)
+    part = next(made_up(1)).rows(slice(0, 600))
+    answer = plain.run(place, [write_folder(part, tmp_path / "given" / "p")], None, lambda *a: None)
+    assert [one["version"] for one in answer["done"]] == [1]
+    assert "127.0.0.1" in answer["fault"]
+    assert len(Ledger(place.ledger).not_logged()) == 1
