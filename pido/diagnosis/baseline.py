@@ -15,6 +15,7 @@ from pido.core.columns import INPUTS
 from pido.core.machining import AxisLimits, Machine
 from pido.core.recording import Recording
 from pido.core.samples import Samples
+from pido.diagnosis.state import AxisState
 from pido.equations.terms import PAPER
 
 _LEAST_MOTION = 0.01  # share of rows an axis must move in, or its speed terms would be fitted to noise
@@ -29,14 +30,23 @@ _UNIT = Machine(
 )
 
 
-def equation_rows(recording: Recording) -> Float2D:
-    """(17, n): the paper's terms as printed; zero where an input was not recorded, NaN where a value is missing."""
+def equation_rows(recording: Recording, state: AxisState) -> Float2D:
+    """(17, n): the paper's terms; zero where an input was not recorded, NaN where a value is missing.
+
+    A measured speed is never exactly zero: inside the dead band the sign of the speed is taken as 0, which is what sgn(0)
+    is, and not as the sign of its noise.
+    """
     n = len(recording)
     inputs = np.column_stack([recording[c] if c in recording else np.zeros(n) for c in INPUTS]).astype(float)
     samples = Samples.real(
         inputs, np.zeros(n), np.full((n, 4), np.nan), np.zeros((n, 4)), recording.part.part, np.arange(n)
     )
-    return PAPER.design(samples, _UNIT).T
+    rows = PAPER.design(samples, _UNIT).T
+    moving = {state.axis: state.moving, **{name: other.moving for name, other in state.others.items()}}
+    for k, name in enumerate(PAPER.names):
+        if name.startswith("sgn("):
+            rows[k] *= moving.get(name[6:-1], True)
+    return rows
 
 
 def equation_names() -> tuple[str, ...]:

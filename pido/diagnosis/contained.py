@@ -42,7 +42,7 @@ def contained(
     level = _FRACTION * float(np.median(noise.level))
     faint = Noise(np.zeros(0), np.full(thin.n, level), 1.0, thin.usable)
     problem = thin.with_target(np.where(thin.usable, sim + rng.normal(scale=level, size=thin.n), 0.0))
-    library = Library(problem, [t for m in own for t in grid_terms(m)])
+    library = Library(problem, [t for m in own for t in grid_terms(m, problem.states)])
     library.whiten(faint)
     terms: list[Term] = []
     while len(terms) < _MOST:
@@ -60,4 +60,3 @@ def contained(
         if float(np.sqrt(np.mean(effect[thin.usable] ** 2))) > _LEAST_SHARE * size:
             out[term.mechanism.id] = term
     return out
-

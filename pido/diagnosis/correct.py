@@ -7,6 +7,8 @@ Out: `PartSeries`: mismatch, score and corrected current per axis.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES
@@ -32,7 +34,7 @@ def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence
     scores: dict[str, Float1D] = {}
     corrected: dict[str, Float1D] = {}
     for axis, own in models.items():
-        state = axis_states([*map(_without_currents, earlier), without], axis)[-1]
+        state = _with_history(axis_states([*map(_without_currents, earlier), without], axis)[-1], model)
         mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
     if not corrected:
         raise DiagnosisError("the model holds no axis. Run 'pido diagnose' on parts with recorded currents first.")
@@ -46,8 +48,15 @@ def apply(model: AxisModel, recording: Recording, state: AxisState) -> tuple[Flo
     return effect, score(effect, model.noise_level), simulated + effect
 
 
+def _with_history(state: AxisState, model: Mapping[str, Any]) -> AxisState:
+    """The state with what the diagnosis knew of the machine's running times before this part."""
+    history = [(float(a), float(b)) for a, b in model.get("history", [])]
+    if state.clock is None or not history or state.earlier is None:
+        return state
+    before = {span for span in history if span[1] <= float(state.clock[0]) + 1e-6}
+    return replace(state, earlier=tuple(sorted(before | set(state.earlier))))
+
+
 def _without_currents(recording: Recording) -> Recording:
     drop = {CURRENT[a] for a in AXES}
-    return Recording(
-        recording.part, {k: v for k, v in recording.columns.items() if k not in drop}, recording.notes
-    )
+    return Recording(recording.part, {k: v for k, v in recording.columns.items() if k not in drop}, recording.notes)

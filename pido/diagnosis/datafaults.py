@@ -92,7 +92,9 @@ def clipping_finding(parts: Sequence[Recording], axis: str, limits: Limits, nois
         rows = at_limit(recording, axis, limits)
         intervals += _runs(recording, rows)
         before.append((current - sim)[np.isfinite(current - sim)])
-        after.append((current - np.clip(sim, *limits.get(recording.part.part, (-np.inf, np.inf))))[np.isfinite(current - sim)])
+        after.append(
+            (current - np.clip(sim, *limits.get(recording.part.part, (-np.inf, np.inf))))[np.isfinite(current - sim)]
+        )
         recorded.append(current[np.isfinite(current - sim)])
     b, a, c = np.concatenate(before), np.concatenate(after), np.concatenate(recorded)
     gain = float(np.sum(b**2 - a**2)) / max(noise, 1e-9) ** 2
@@ -137,9 +139,7 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
     before, after = m.target[rows], moved.target[rows]
     p = float(stats.chi2.sf(delay.gain, 2))
     parameters = {
-        "shift": Estimate(
-            delay.offset, "s", (delay.offset - 1.96 * delay.sd[0], delay.offset + 1.96 * delay.sd[0])
-        )
+        "shift": Estimate(delay.offset, "s", (delay.offset - 1.96 * delay.sd[0], delay.offset + 1.96 * delay.sd[0]))
     }
     if delay.drift:
         half = 1.96 * delay.sd[1]
@@ -186,7 +186,9 @@ def _merged(faults: Sequence[tuple[str, str, float, float, str]]) -> list[Interv
 
 def _runs(recording: Recording, rows: Bool1D) -> list[Interval]:
     edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
-    spans = [(float(recording.time[i]), float(recording.time[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+    spans = [
+        (float(recording.time[i]), float(recording.time[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)
+    ]
     return _merged([("", recording.part.part, s, e, "") for s, e in spans]) if spans else []
 
 

@@ -45,6 +45,7 @@ from pido.diagnosis.select import Library, basis
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
+from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
@@ -110,21 +111,33 @@ def diagnose(
         for recording, values in zip(parts, work.series, strict=True):
             series[recording.part.part][axis] = values
     on_progress(len(axes), len(axes), "done")
-    findings.sort(key=lambda f: -f.evidence.delta_bic)
+    findings.sort(key=lambda f: -_strength(f, models))
     found = {f.axis for f in findings}
     return Diagnosis(
         findings=tuple(findings),
         clean_axes=tuple(a for a in axes if a not in found),
         parts={
-            r.part.part: PartSeries(
-                r.time, *({a: v[i] for a, v in series[r.part.part].items()} for i in range(3))
-            )
+            r.part.part: PartSeries(r.time, *({a: v[i] for a, v in series[r.part.part].items()} for i in range(3)))
             for r in parts
         },
-        model=as_json(models),
+        model={**as_json(models), "history": _history(parts)},
         rejected=tuple(rejected),
         notes=tuple(notes),
     )
+
+
+def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:
+    """What a finding takes away from the error, in noise of its axis; faulty inputs come before everything."""
+    if finding.mechanism == "input_fault":
+        return float("inf")
+    gain = max(finding.fit.rmse_before**2 - finding.fit.rmse_after**2, 0.0)
+    return gain / models[finding.axis].noise_level ** 2 + 1e-12 * finding.evidence.delta_bic
+
+
+def _history(parts: Sequence[Recording]) -> list[list[float]]:
+    """When the machine was running, on its own clock, s: heat is carried on from there."""
+    known = [(r.part.start_time_s, float(r.time[-1])) for r in parts]
+    return [[s, s + d] for s, d in known if s is not None] if all(s is not None for s, _ in known) else []
 
 
 @dataclass
@@ -192,9 +205,9 @@ def search(look: _Look, rng: np.random.Generator, axes: int, timed: bool) -> Ans
     """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out."""
     mismatch, noise = look.mismatch, look.noise
     answer = Answer(mismatch.axis, rejected=list(look.rejected))
-    offered = [t for t in look.offered if t.mechanism.id != "sensor_clipping"]
-    if timed:
-        offered = [t for t in offered if t.mechanism.id != "time_misalignment"]
+    # A shift in time is common to all axes, and was decided before: on one axis it can only be a rival.
+    rivals = [t for t in look.offered if t.mechanism.id != "sensor_clipping"]
+    offered = [t for t in rivals if t.mechanism.id != "time_misalignment"]
     library = Library(mismatch, offered, _any_sign(look.inside))
     terms = select_terms(library, noise)
     # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
@@ -208,6 +221,8 @@ def search(look: _Look, rng: np.random.Generator, axes: int, timed: bool) -> Ans
     terms = plainest(library, noise, terms)
     questions = axes * len({t.name for t in library.terms})
     terms = confirm(library, noise, terms, answer, questions)
+    if terms and not timed:
+        library = Library(mismatch, rivals, _any_sign(look.inside))
     library.whiten(noise)
     answer.terms = terms
     answer.noise = noise
@@ -226,11 +241,13 @@ def _settle(
     limits: Limits,
 ) -> _Work:
     """The final fit on every row, its proof, and the series of every part."""
-    noise = estimate_noise(_plain_residual(full, answer.terms), full.starts, full.noise_class, full.usable)
+    rest = flexible_rest(full, fit(full, _even(full), answer.terms).residual)
+    noise = estimate_noise(rest, full.starts, full.noise_class, full.usable)
     terms = settle_shapes(full, noise, answer.terms)
     answer.terms = terms
     found = estimate(full, noise, terms, rng)
-    alone = fit(full, noise, [])
+    # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
+    alone = fit(full, _even(full), [])
     level = robust_sd(found.fit.residual[full.usable])
     equation = Equation(full.base_names, alone.base, found.fit.base) if full.base_names else None
     model = AxisModel(
@@ -257,10 +274,9 @@ def _settle(
     return _Work(model, findings, answer.rejected, answer.notes, series)
 
 
-def _plain_residual(full: Mismatch, terms: Sequence[Term]) -> Float1D:
-    """Residual of an unweighted fit that spikes do not move: good enough to see what the noise is like."""
-    flat = estimate_noise(full.target, full.starts, np.zeros(full.n, int), full.usable, highest_order=0)
-    return fit(full, flat, terms).residual
+def _even(full: Mismatch) -> Noise:
+    """Noise that is the same everywhere and forgets at once."""
+    return Noise(np.zeros(0), np.ones(full.n), 1.0, full.usable)
 
 
 def _replaced(full: Mismatch, alone: Float1D, joint: Float1D) -> tuple[str, ...]:
@@ -272,7 +288,7 @@ def _replaced(full: Mismatch, alone: Float1D, joint: Float1D) -> tuple[str, ...]
 
 
 def _equation(parts: Sequence[Recording], states: Sequence[AxisState]):
-    rows = [equation_rows(r) for r in parts]
+    rows = [equation_rows(r, s) for r, s in zip(parts, states, strict=True)]
     moving = [
         {s.axis: np.asarray(s.moving, float), **{n: np.asarray(o.moving, float) for n, o in s.others.items()}}
         for s in states
@@ -294,7 +310,9 @@ def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
         raise DiagnosisError(f"part {', '.join(double)} was given more than once. Give each part once.")
     machines = sorted({r.part.machine for r in recordings})
     if len(machines) > 1:
-        raise DiagnosisError(f"parts of {len(machines)} machines: {', '.join(machines)}. Diagnose one machine at a time.")
+        raise DiagnosisError(
+            f"parts of {len(machines)} machines: {', '.join(machines)}. Diagnose one machine at a time."
+        )
     for r in recordings:
         if len(r) < _LEAST_ROWS:
             raise DiagnosisError(

@@ -17,7 +17,6 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.confirm import Whitened, bootstrap, interval, units
 from pido.diagnosis.finding import Estimate
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.select import is_choice
 from pido.diagnosis.terms import Fit, Term, fit, solve
 from pido.diagnosis.whiten import Noise
 
@@ -71,6 +70,8 @@ def estimate(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], rng: np.ra
             found[name] = Estimate(float(value), unit, (float(value) - half[at], float(value) + half[at]))
             at += 1
         for p in term.mechanism.shape:
+            if p.is_choice:
+                continue
             value = dict(term.shape)[p.name]
             if p.name in group:
                 found[p.name] = Estimate(value, p.unit, _around(value, half[slope_at], p.scale == "log"))
@@ -95,7 +96,7 @@ def _slopes(mismatch: Mismatch, term: Term, amplitudes: Float1D) -> dict[str, Fl
     out = {}
     shape = dict(term.shape)
     for p in term.mechanism.shape:
-        if is_choice(p):
+        if p.is_choice:
             continue
         value = shape[p.name]
         log = p.scale == "log"
@@ -111,9 +112,12 @@ def _slope(mismatch: Mismatch, term: Term, amplitudes: Float1D, name: str, value
     span = max(abs(value), 1e-3 * abs((parameter.high or 1.0) - (parameter.low or 0.0)))
     slope = np.zeros(mismatch.n)
     for step in (_STEP, _STEP / 10, _STEP / 100, _STEP / 1000):
-        above, below = (value * np.exp(step), value * np.exp(-step)) if log else (value + step * span, value - step * span)
+        above, below = (
+            (value * np.exp(step), value * np.exp(-step)) if log else (value + step * span, value - step * span)
+        )
         up, down = (
-            amplitudes @ replace(term, shape=tuple({**dict(term.shape), name: float(v)}.items())).columns(mismatch.states)
+            amplitudes
+            @ replace(term, shape=tuple({**dict(term.shape), name: float(v)}.items())).columns(mismatch.states)
             for v in (above, below)
         )
         slope = (up - down) / (2 * step * (1.0 if log else span))

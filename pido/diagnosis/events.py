@@ -123,7 +123,9 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
             if best is None or best[2] < penalty:
                 break
             first, last, _, level = best
-            found.append((mismatch.parts[p], float(time[first * width]), float(time[min(last * width, j - i) - 1]) + 1e-9))
+            found.append(
+                (mismatch.parts[p], float(time[first * width]), float(time[min(last * width, j - i) - 1]) + 1e-9)
+            )
             score[first:last] -= level * weight[first:last]
     return ExternalForce(tuple(found)) if found else None
 

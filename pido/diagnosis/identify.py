@@ -29,12 +29,13 @@ from pido.diagnosis.select import (
     best_addition,
     drop_useless,
     grid_terms,
-    is_choice,
     refine,
     shortlist_of,
+    suggested,
     swap,
 )
 from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.whiten import Noise, estimate_noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
@@ -78,7 +79,7 @@ def candidates(
             rejected.append(Rejected(mismatch.axis, mechanism.id, reason))
             continue
         name = f"miscalibrated:{mechanism.id}" if mechanism.id in contained else mechanism.id
-        terms += grid_terms(mechanism, name)
+        terms += grid_terms(mechanism, mismatch.states, name)
         if mechanism.id in contained:
             terms.append(replace(contained[mechanism.id], name=name))
     return terms, rejected
@@ -89,17 +90,19 @@ def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
     columns = _coarse(mismatch, terms)
     noise = None
     for _ in range(2):
-        residual = _left_over(mismatch, columns, noise)
-        noise = estimate_noise(
-            residual, mismatch.starts, mismatch.noise_class, mismatch.usable, smooth_spectrum=True
-        )
+        residual = flexible_rest(mismatch, _left_over(mismatch, columns, noise))
+        noise = estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable, smooth_spectrum=True)
     assert noise is not None
     return noise
 
 
 def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
-    """Noise of what the joint fit of `terms` leaves."""
-    residual = fit(mismatch, noise, terms).residual
+    """Noise of what the joint fit of `terms` leaves, and a flexible model of the state cannot predict.
+
+    A real machine always does a little more than the terms say. Taken for noise, that rest would be slow and strong, and
+    whitening would then listen to fast transients only.
+    """
+    residual = flexible_rest(mismatch, fit(mismatch, noise, terms).residual)
     return estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable)
 
 
@@ -127,7 +130,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     out = list(terms)
     for i, term in enumerate(out):
         for p in term.mechanism.shape:
-            if not is_choice(p):
+            if not p.is_choice:
                 continue
             whole = basis(library, noise, out).bic
             for value in p.values:
@@ -145,7 +148,8 @@ def next_term(library: Library, noise: Noise, terms: Sequence[Term], regions: bo
     """The best single addition: a mechanism anywhere, one confined to a box, or a force tied to no state."""
     current = basis(library, noise, terms)
     taken = {t.name for t in terms}
-    best = best_addition(library, current, taken)
+    residual = fit(library.mismatch, noise, terms).residual
+    best = best_addition(library, current, taken, suggested(library, current, residual, taken))
     if regions:
         shortlist = [s for s in shortlist_of(library.screen(current), taken)[:8] if not s.term.shape or s.gain > 0]
         confined = best_region(library, current, shortlist)

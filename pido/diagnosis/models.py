@@ -33,9 +33,9 @@ class Equation:
     alone: Float1D
     joint: Float1D
 
-    def of(self, recording: Recording, coefficients: Float1D) -> Float1D:
+    def of(self, recording: Recording, state: AxisState, coefficients: Float1D) -> Float1D:
         at = [equation_names().index(n) for n in self.names]
-        return coefficients @ equation_rows(recording)[at]
+        return coefficients @ equation_rows(recording, state)[at]
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class AxisModel:
     def simulated(self, recording: Recording, state: AxisState) -> Float1D:
         """(n,), A. Raises DiagnosisError where the recording has no simulated current and there is no equation."""
         if self.equation is not None:
-            return self.equation.of(recording, self.equation.alone)
+            return self.equation.of(recording, state, self.equation.alone)
         if state.sim is None:
             raise DiagnosisError(
                 f"part {recording.part.part}: column '{CURRENT_SIM[self.axis]}' is missing, and the diagnosis was made "
@@ -73,7 +73,7 @@ class AxisModel:
         if any(self.delay):
             total += shifted(state.time, simulated, self.delay) - simulated
         if self.equation is not None:
-            total += self.equation.of(recording, self.equation.joint) - simulated
+            total += self.equation.of(recording, state, self.equation.joint) - simulated
         for term, amplitudes in zip(self.terms, self.amplitudes, strict=True):
             total += amplitudes @ term.of_part(state)
         return np.clip(simulated + total, *self._limits_of(recording.part.part)) - simulated
@@ -100,7 +100,9 @@ def axis_models(model: Mapping[str, Any]) -> dict[str, AxisModel]:
     try:
         return {axis: _axis_model(axis, data) for axis, data in model["axes"].items()}
     except (KeyError, TypeError, AttributeError) as error:
-        raise DiagnosisError(f"the model of this diagnosis is damaged ({error!r}). Run 'pido diagnose' again.") from None
+        raise DiagnosisError(
+            f"the model of this diagnosis is damaged ({error!r}). Run 'pido diagnose' again."
+        ) from None
 
 
 def _axis_json(m: AxisModel) -> dict[str, Any]:
@@ -191,5 +193,7 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))
     found = next((m for m in CATALOGUE if m.id == own["id"]), None)
     if found is None:
-        raise DiagnosisError(f"mechanism '{own['id']}' is not in the catalogue of this version. Run 'pido diagnose' again.")
+        raise DiagnosisError(
+            f"mechanism '{own['id']}' is not in the catalogue of this version. Run 'pido diagnose' again."
+        )
     return found

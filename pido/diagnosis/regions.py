@@ -68,7 +68,9 @@ def _sharpen(library: Library, current: Basis, score: Score, variables: dict[str
     return best
 
 
-def _better(best: Score | None, library: Library, current: Basis, score: Score, gates: tuple[Gate, ...]) -> Score | None:
+def _better(
+    best: Score | None, library: Library, current: Basis, score: Score, gates: tuple[Gate, ...]
+) -> Score | None:
     found = library.score(replace(score.term, gates=gates), current)
     if found is None or (best is not None and found.bic >= best.bic):
         return best

@@ -9,7 +9,6 @@ BIC (Chen and Chen 2008) charges a mechanism for the number of shapes that were 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,7 +18,8 @@ from scipy.optimize import minimize_scalar
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Gate, Term, bic
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.terms import Term, bic
 from pido.diagnosis.whiten import Noise
 
 MOST_TERMS = 8  # on one axis; more named terms than this is a description, not a diagnosis
@@ -27,6 +27,7 @@ _COLLINEAR = 1e-3  # share of a regressor that must be left once the terms alrea
 _SHORTLIST = 6  # mechanisms whose shape is refined in each step
 _TIE = 4.0  # BIC: of mechanisms this close, the one with fewer free numbers is taken
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
+_FEW_ROWS = 100  # in either direction, below which the sign of a current is taken as it comes
 _CHUNK = 64  # rows whitened at a time
 _FORBIDDEN_SE = 2.5  # standard errors by which an amplitude may lie outside its plausible range
 
@@ -54,6 +55,7 @@ class Library:
     def __init__(self, mismatch: Mismatch, terms: Sequence[Term], any_sign: frozenset[str] = frozenset()) -> None:
         self.mismatch = mismatch
         self.any_sign = any_sign
+        self.polarity = polarity(mismatch)
         self.terms: list[Term] = []
         rows, spans, first = [], [], 0
         for term in terms:
@@ -104,7 +106,7 @@ class Library:
             elif 0 < gain[i] < current.rss:
                 beta = with_residual[i : i + 1] / left[i]
                 sd = np.sqrt(current.rss / current.n / left[i : i + 1])
-                if term.name in self.any_sign or plausible(term.mechanism, beta, sd):
+                if term.name in self.any_sign or plausible(term.mechanism, self.polarity * beta, sd):
                     out.append(self._scored(term, float(gain[i]), beta, 1, current))
         return out
 
@@ -133,7 +135,7 @@ class Library:
         if term.name not in self.any_sign:
             sd = np.zeros(len(own))
             sd[keep] = np.sqrt(np.diag(inverse) * current.rss / current.n)
-            if not plausible(term.mechanism, beta, sd):
+            if not plausible(term.mechanism, self.polarity * beta, sd):
                 return None
         return self._scored(term, gain, beta, int(good.sum()), current)
 
@@ -188,6 +190,20 @@ def orthonormal(X: Float2D) -> Float2D:
     return (vectors / np.sqrt(values)).T @ Q
 
 
+def polarity(mismatch: Mismatch) -> float:
+    """+1 where a positive current drives the axis in its positive direction, -1 where it is counted the other way.
+
+    Read from the current itself: friction brakes, so on the whole the current has the sign of the motion.
+    """
+    current = mismatch.target + (mismatch.sim if mismatch.sim is not None and not len(mismatch.base) else 0.0)
+    direction = np.concatenate([s.held * s.moving for s in mismatch.states])
+    rows = mismatch.usable & np.isfinite(current)
+    forward, backward = current[rows & (direction > 0)], current[rows & (direction < 0)]
+    if len(forward) < _FEW_ROWS or len(backward) < _FEW_ROWS:
+        return 1.0
+    return -1.0 if np.median(forward) < np.median(backward) - 0.2 * np.std(current[rows]) else 1.0
+
+
 def plausible(mechanism: Mechanism, beta: Float1D, sd: Float1D) -> bool:
     """No amplitude outside its physical range by more than its uncertainty."""
     if len(mechanism.amplitudes) != len(beta):
@@ -197,18 +213,30 @@ def plausible(mechanism: Mechanism, beta: Float1D, sd: Float1D) -> bool:
     return bool(np.all(beta > low - _FORBIDDEN_SE * sd) and np.all(beta < high + _FORBIDDEN_SE * sd))
 
 
-def grid_terms(mechanism: Mechanism, name: str = "", gates: tuple[Gate, ...] = ()) -> list[Term]:
-    """One term per point of the mechanism's shape grid."""
-    names = [p.name for p in mechanism.shape]
-    return [
-        Term(mechanism, tuple(zip(names, map(float, point), strict=True)), gates, name)
-        for point in itertools.product(*(p.grid for p in mechanism.shape))
-    ]
+def grid_terms(mechanism: Mechanism, states: Sequence[AxisState], name: str = "") -> list[Term]:
+    """One term per shape that the mechanism's search starts from in these data."""
+    return [Term(mechanism, tuple(shape.items()), (), name) for shape in mechanism.starts(states)]
 
 
-def best_addition(library: Library, current: Basis, taken: set[str]) -> Score | None:
+def suggested(library: Library, current: Basis, residual: Float1D, taken: set[str]) -> list[Score]:
+    """What the residual itself (A, (n,)) speaks for, by the mechanisms that can read it."""
+    m = library.mismatch
+    left = np.where(m.usable, residual, np.nan)
+    parts = [left[i:j] for i, j in zip(m.edges[:-1], m.edges[1:], strict=True)]
+    out = []
+    for name, mechanism in {t.name: t.mechanism for t in library.terms}.items():
+        if name in taken:
+            continue
+        for shape in mechanism.suggest(m.states, parts):
+            found = library.score(Term(mechanism, tuple(shape.items()), (), name), current)
+            if found is not None:
+                out.append(replace(found, bic=found.bic + 2 * np.log(max(1, mechanism.looked_at))))
+    return out
+
+
+def best_addition(library: Library, current: Basis, taken: set[str], more: Sequence[Score] = ()) -> Score | None:
     """The mechanism that lowers the BIC most, its shape refined; among near ties the simplest."""
-    shortlist = shortlist_of(library.screen(current), taken)
+    shortlist = shortlist_of([*library.screen(current), *more], taken)
     if not shortlist:
         return None
     refined = [refine(library, current, s) for s in shortlist[:_SHORTLIST]]
@@ -242,14 +270,11 @@ def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> S
 
 def _refine_one(library: Library, current: Basis, score: Score, parameter: Parameter) -> Score:
     shape = dict(score.term.shape)
-    grid = np.asarray(sorted(parameter.grid), float)
-    if len(grid) < 2 or is_choice(parameter):
+    low, high = score.term.mechanism.around(parameter.name, shape, library.mismatch.states)
+    if not low < high or (parameter.scale == "log" and low <= 0):
         return score
-    log = parameter.scale == "log"
-    to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
-    here = shape[parameter.name]
-    at = int(np.argmin(np.abs(to(grid) - to(here))))
-    low, high = float(to(grid[max(0, at - 1)])), float(to(grid[min(len(grid) - 1, at + 1)]))
+    to, back = (np.log, np.exp) if parameter.scale == "log" else (np.asarray, np.asarray)
+    low, high = float(to(low)), float(to(high))
     best = score
 
     def loss(u: float) -> float:
@@ -264,11 +289,6 @@ def _refine_one(library: Library, current: Basis, score: Score, parameter: Param
 
     minimize_scalar(loss, bounds=(low, high), method="bounded", options={"maxiter": 9, "xatol": 0.01 * (high - low)})
     return best
-
-
-def is_choice(parameter: Parameter) -> bool:
-    """Whether a shape parameter numbers textbook forms, which have nothing between them."""
-    return bool(parameter.values) and parameter.values == tuple(float(i) for i in range(len(parameter.values)))
 
 
 def swap(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:

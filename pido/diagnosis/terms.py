@@ -56,7 +56,7 @@ class Term:
     @property
     def free(self) -> int:
         """Numbers that were chosen besides the amplitudes."""
-        return len(self.shape) + len(self.gates)
+        return self.mechanism.free(dict(self.shape)) + len(self.gates)
 
     def columns(self, states: Sequence[AxisState]) -> Float2D:
         """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""

@@ -106,6 +106,36 @@ def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) ->
     return Structure(float(np.mean(gain)), float(np.mean(gain)) / total, p)
 
 
+def flexible_rest(mismatch: Mismatch, residual: Float1D, seed: int = 0) -> Float1D:
+    """(n,), A – `residual` without what a flexible model of the state predicts of it on blocks that it has not seen.
+
+    What is left is the nearest thing to noise that can be had before anything has a name. The prediction is made on
+    few rows and drawn between them; it is scaled back where it does not hold.
+    """
+    known = common_signals(mismatch.states)
+    width = max(1, int(np.ceil(mismatch.n / _MOST_ROWS)))
+    rows = np.arange(width // 2, mismatch.n, width)
+    rows = rows[mismatch.usable[rows]]
+    if len(rows) < _FEWEST_ROWS or not known:
+        return residual
+    features = np.column_stack([v[rows] for v, _ in known.values()])
+    padded = np.where(mismatch.usable, residual, 0.0)
+    y = (
+        np.convolve(padded, np.ones(width), "same")
+        / np.maximum(np.convolve(mismatch.usable, np.ones(width), "same"), 1)
+    )[rows]
+    top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)
+    fold = mismatch.block[rows] % 3
+    prediction = np.zeros(len(rows))
+    for k in np.unique(fold):
+        trees = HistGradientBoostingRegressor(random_state=seed, early_stopping=False, **_TREES)
+        trees.fit(features[fold != k], np.clip(y[fold != k], -top, top))
+        prediction[fold == k] = trees.predict(features[fold == k])
+    power = float(prediction @ prediction)
+    holds = float(np.clip(prediction @ y / power, 0.0, 1.0)) if power > 0 else 0.0
+    return residual - holds * np.interp(np.arange(mismatch.n), rows, prediction)
+
+
 @dataclass(frozen=True, slots=True)
 class Coarse:
     """A residual averaged over the memory of its noise: few rows that hold nearly all that the many do.
@@ -291,7 +321,7 @@ def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
     known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n != "uptime"}
     ready = {}
     for name, values in known.items():
-        split = name.split("_")[0] in _SIGNED and bool(values.min() < 0 < values.max()) or name.startswith("f_")
+        split = (name.split("_")[0] in _SIGNED and bool(values.min() < 0 < values.max())) or name.startswith("f_")
         knots = _knots(values[mismatch.usable], count)
         if len(knots) >= 2:
             ready[name] = (knots, split and bool(values.min() < 0 < values.max()))
@@ -358,6 +388,8 @@ def _unit(factors: Sequence[tuple[str, str]]) -> str:
 
 
 def _written(signal: str, form: str) -> str:
-    return form.replace("sgn u", f"sgn({signal})").replace("|u|", f"|{signal}|").replace("u", signal, 1) if (
-        form not in ("u|u|", "√|u| sgn u")
-    ) else (f"{signal}·|{signal}|" if form == "u|u|" else f"√|{signal}|·sgn({signal})")
+    return (
+        form.replace("sgn u", f"sgn({signal})").replace("|u|", f"|{signal}|").replace("u", signal, 1)
+        if (form not in ("u|u|", "√|u| sgn u"))
+        else (f"{signal}·|{signal}|" if form == "u|u|" else f"√|{signal}|·sgn({signal})")
+    )

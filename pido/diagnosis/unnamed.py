@@ -141,7 +141,9 @@ def _is_known(library: Library, noise: Noise, term: Term) -> bool:
     row = noise.whiten(term.columns(library.mismatch.states)).astype(np.float32)[0]
     length = float(np.sqrt(row @ row))
     singles = [i for i, j in library.spans if j - i == 1]
-    size = np.sqrt([max(float(g[0, 0]), 1e-30) for g, (i, j) in zip(library.grams, library.spans, strict=True) if j - i == 1])
+    size = np.sqrt(
+        [max(float(g[0, 0]), 1e-30) for g, (i, j) in zip(library.grams, library.spans, strict=True) if j - i == 1]
+    )
     return length == 0 or bool(np.max(np.abs(library.whitened[singles] @ row) / size, initial=0.0) > _SAME * length)
 
 

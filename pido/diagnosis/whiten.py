@@ -137,9 +137,7 @@ def _after(gap: Bool1D) -> Bool1D:
     return np.r_[False, gap[:-1]]
 
 
-def fit_ar(
-    x: Float1D, starts: Bool1D, highest_order: int, counted: Bool1D | None = None
-) -> tuple[Float1D, float]:
+def fit_ar(x: Float1D, starts: Bool1D, highest_order: int, counted: Bool1D | None = None) -> tuple[Float1D, float]:
     """AR coefficients and innovation sd of a zero-mean series with interruptions; rows not `counted` are zero.
 
     Autocovariances are taken within uninterrupted stretches only; a small taper keeps the system positive definite.
