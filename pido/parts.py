@@ -30,7 +30,7 @@ from pido.recordings.faults import ERROR
 from pido.recordings.resample import resample
 from pido.store import Store
 from pido.tracking.ledger import Ledger
-from pido.workspace import Workspace, arrival_digest, code_version, digest_of
+from pido.workspace import BY_NAME, Workspace, arrival_digest, code_version, digest_of
 
 log = logging.getLogger(__name__)
 _KEPT = ("time", "pos_x", "pos_y", "pos_z", "pos_sp", "nc_line", "tool_id", "coolant")
@@ -103,7 +103,9 @@ def samples_of(workspace: Workspace, digest: str) -> Samples:
     if not path.exists():
         save_samples(_samples(workspace, Store(workspace.store).load(digest), digest), path)
     samples = load_samples(path)
-    stretches = workspace.excluded(entry_of(workspace, digest).machine).get(digest, [])
+    entry = entry_of(workspace, digest)
+    excluded = workspace.excluded(entry.machine)
+    stretches = [*excluded.get(digest, ()), *excluded.get(f"{BY_NAME}{entry.part}", ())]
     if not stretches:
         return samples
     time = at_rate(workspace, Store(workspace.store).load(digest, ())).time[samples.row]
@@ -139,9 +141,9 @@ def samples_path(workspace: Workspace, digest: str) -> Path:
 
 def entry_of(workspace: Workspace, digest: str):
     """What the store's index knows about a part."""
-    for entry in Store(workspace.store).entries():
-        if entry.digest == digest:
-            return entry
+    entry = Store(workspace.store).entry(digest)
+    if entry is not None:
+        return entry
     raise StoreError(f"{workspace.store}: no part with digest {digest[:12]}.")
 
 

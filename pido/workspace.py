@@ -38,6 +38,7 @@ from pido.core.errors import SettingsError, StoreError
 from pido.core.machining import Job, MeshStock
 from pido.core.names import file_name
 
+BY_NAME = "name:"
 _METHOD = ("core", "physics", "process", "recordings", "feature_space", "equations", "sampling", "models")
 
 
@@ -199,7 +200,9 @@ class Workspace:
     def run_key(self, machine: str, parts: list[str]) -> str:
         """What an iteration over the *set* `parts` (digests) is known by: parts, settings, seed, code, and what of them
         people said not to learn from."""
-        excluded = {part: where for part, where in self.excluded(machine).items() if part in parts}
+        excluded = {
+            part: where for part, where in self.excluded(machine).items() if part in parts or part.startswith(BY_NAME)
+        }
         return digest_of(
             {
                 "machine": machine,
@@ -212,7 +215,8 @@ class Workspace:
         )
 
     def excluded(self, machine: str) -> dict[str, list[list[float]]]:
-        """Part digest -> stretches [start, end], s, of alarms that were answered as true: not to be learnt from."""
+        """Part digest (or BY_NAME and its name, where it was watched before its content was known) -> stretches
+        [start, end], s, of alarms that were answered as true: not to be learnt from."""
         try:
             return json.loads((self.monitor / file_name(machine) / "excluded.json").read_text(encoding="utf-8"))
         except FileNotFoundError:

@@ -75,8 +75,10 @@ class Watch:
         self._width = window_samples(rate_hz, band.window_s)
         self._last = {axis: deque[tuple[float, float]](maxlen=self._width) for axis in band.axes}
 
-    def push(self, residual: dict[str, float], tool: str, block: int, doubt: float | None = None) -> dict[str, float]:
-        """Axes that are outside the band at this sample, each with its window mean beyond the centre in spreads.
+    def push(
+        self, residual: dict[str, float], tool: str, block: int, doubt: float | None = None
+    ) -> dict[str, tuple[float, float]]:
+        """Axes that are outside the band at this sample, each with its window mean beyond the centre: in spreads, in A.
 
         residual : per axis, A; NaN (or an axis left out) starts its window afresh
         doubt : distance of the sample from the training rows; None: the usual one
@@ -94,7 +96,8 @@ class Watch:
             mean, away = (math.fsum(values) / self._width for values in zip(*last, strict=True))
             low, high = self._band.limits(axis, tool, block, self._program, None if math.isnan(away) else away)
             if not low <= mean <= high and math.isfinite(low):
-                outside[axis] = self._band.threshold * (2 * mean - low - high) / (high - low)
+                beyond = mean - 0.5 * (low + high)
+                outside[axis] = (2 * self._band.threshold * beyond / (high - low), beyond)
         return outside
 
 

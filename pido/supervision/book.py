@@ -120,8 +120,8 @@ class Book:
 
 
 def alarm_id(machine: str, digest: str, alarm: Alarm) -> str:
-    """The same alarm of the same part has the same identifier."""
-    return digest_of([machine, digest, alarm.axis, round(alarm.t_start, 2), round(alarm.t_end, 2)])[:10]
+    """The same alarm of the same part has the same identifier, from its beginning on."""
+    return digest_of([machine, digest, alarm.axis, round(alarm.t_start, 1)])[:10]
 
 
 def as_alarm(record: dict[str, Any]) -> Alarm:

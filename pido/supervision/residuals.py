@@ -112,12 +112,12 @@ def _make(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
         log.warning("%s: what was expected of it was kept for other rows; the band does without it", digest[:12])
         return None
     else:
-        predicted, doubt = _in_stretches(samples, recipe, workspace.settings.seed)
+        predicted, doubt = in_stretches(samples, recipe, workspace.settings.seed)
     stored = Store(workspace.store).load(digest)
     return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, predicted, doubt)[0]
 
 
-def _in_stretches(samples: Samples, recipe: Recipe, seed: int) -> tuple[Float2D, Float1D]:
+def in_stretches(samples: Samples, recipe: Recipe, seed: int) -> tuple[Float2D, Float1D]:
     """(n, 4), A, and (n,): each stretch as models of the others see it."""
     fold = folds(samples, STRETCHES)
     columns = model_inputs(samples, recipe.inputs)

@@ -1,0 +1,302 @@
+"""A part watched while it is made: a CSV file that grows, sample by sample.
+
+In:  a file in the columns of the contract that a recorder is still writing to.
+Out: events as they happen - an alarm that begins, an alarm that has ended, the end of the part with its verdict.
+
+Samples come at any rate at or above the method's; each block of them is averaged into one. What a row needs must be in
+the file: motion, currents, and the simulated process quantities (or `air_cut` in the settings). A whole-part verdict by
+`pido monitor PART` also filters without phase; here a sample can only look back.
+"""
+
+from __future__ import annotations
+
+import csv
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.core.axes import AXES
+from pido.core.columns import ALIASES, CURRENT, FORCE_SIM, INPUTS, TIME, VELOCITY
+from pido.core.errors import RecordingError
+from pido.core.machining import Machine
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.core.samples import Samples
+from pido.models.inputs import model_inputs
+from pido.monitoring.alarms import Alarm, Watch
+from pido.monitoring.band import Band
+from pido.monitoring.forest import quick
+from pido.monitoring.likeness import looks_like
+from pido.parts import machine_of, recipe_of
+from pido.physics.friction import held_direction
+from pido.process.quantities import area_removal
+from pido.process.samples import engaged
+from pido.supervision.book import Book, alarm_id
+from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, named
+from pido.supervision.residuals import support
+from pido.workspace import BY_NAME, Workspace
+
+log = logging.getLogger(__name__)
+POLL_S = 0.05
+FIRST_ROWS = 50
+"""Rows from which the file's rate is read."""
+REMEMBERED_S = 20.0
+"""What an alarm is compared with signals over, at most."""
+_PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")
+
+
+class Stream:
+    """One part on its way: rows in, events out. Holds no more than a window of the past."""
+
+    def __init__(
+        self,
+        part: str,
+        machine: Machine,
+        predict: Callable[[Samples], tuple[Float2D, Float1D]],
+        band: Band,
+        rate_hz: float,
+        air_cut: bool = False,
+    ) -> None:
+        """predict : rows to currents (n, 4), A, and their distance (n,) from the training rows"""
+        self._part, self._machine, self._predict, self._band = part, machine, predict, band
+        self._watch = Watch(band, rate_hz)
+        # Its content is not known before it has ended; the part that is taken in later has the same name.
+        self.digest = f"{BY_NAME}{part}"
+        self._air_cut = air_cut
+        self._rate_hz, self._last = rate_hz, -np.inf
+        self._past: deque[tuple[float, Float1D, Float1D]] = deque(maxlen=round(rate_hz * REMEMBERED_S))
+        self._held = dict.fromkeys(AXES, 0.0)
+        self._open: dict[str, Alarm] = {}
+        self.alarms: list[NamedAlarm] = []
+        self.samples = 0
+
+    def push(self, columns: Mapping[str, np.ndarray]) -> Iterator[Alarm]:
+        """Rows in time order at the rate of the method; alarms that begin with them.
+
+        columns : (n,) each – time, the 13 inputs, currents; tool_id and nc_line where they are known
+        """
+        recording = Recording(PartInfo(part=self._part, machine=self._machine.id), columns)
+        samples = self._rows(recording)
+        said, doubt = self._predict(samples)
+        residual = samples.currents - said
+        judged = np.full(len(recording), self._air_cut) if self._air_cut else engaged(recording, self._machine)
+        judged &= np.isfinite(samples.inputs).all(axis=1)
+        residual[~judged] = np.nan
+        self.samples += len(recording)
+        for k in range(len(recording)):
+            tool = str(columns["tool_id"][k]) if "tool_id" in columns else ""
+            block = int(columns["nc_line"][k]) if "nc_line" in columns and np.isfinite(columns["nc_line"][k]) else -1
+            now = float(recording.time[k])
+            if now - self._last > 2.5 / self._rate_hz:
+                self._watch.push({}, tool, block)  # a pause: no window reaches across it
+            self._last = now
+            self._past.append((now, samples.inputs[k], residual[k]))
+            values: dict[str, float] = dict(zip(AXES, residual[k].tolist(), strict=True))
+            outside = self._watch.push(values, tool, block, float(doubt[k]))
+            yield from self._changes(now, outside, tool, block)
+
+    def end(self) -> None:
+        """The part has ended: what is still outside the band is an alarm up to here."""
+        for axis in list(self._open):
+            self._close(axis)
+
+    def _rows(self, recording: Recording) -> Samples:
+        inputs = np.column_stack([np.asarray(recording[name], float) for name in INPUTS])
+        direction = np.zeros((len(recording), len(AXES)))
+        for i, axis in enumerate(AXES):
+            held = held_direction(recording[VELOCITY[axis]], self._machine.dead_band(axis), self._held[axis])
+            self._held[axis], direction[:, i] = float(held[-1]), held
+        missing = np.full(len(recording), np.nan)
+        currents = np.column_stack([recording.columns.get(CURRENT[a], missing) for a in AXES])
+        rows = np.arange(self.samples, self.samples + len(recording))
+        return Samples.real(inputs, area_removal(recording), currents, direction, self._part, rows)
+
+    def _changes(self, now: float, outside: dict[str, tuple[float, float]], tool: str, block: int) -> Iterator[Alarm]:
+        for axis, (spreads, size) in outside.items():
+            alarm = self._open.get(axis)
+            if alarm is None:
+                start = max(0.0, now - self._band.window_s)
+                alarm = Alarm(self._part, axis, start, now, tool, block, size, spreads)
+                self._open[axis] = alarm
+                yield alarm
+            elif abs(spreads) > abs(alarm.spreads):
+                self._open[axis] = replace(alarm, t_end=now, size_a=size, spreads=spreads, tool=tool, block=block)
+            else:
+                self._open[axis] = replace(alarm, t_end=now)
+        for axis in [a for a, alarm in self._open.items() if a not in outside]:
+            if now - self._open[axis].t_end > self._band.window_s:
+                self._close(axis)
+
+    def _close(self, axis: str) -> None:
+        alarm = self._open.pop(axis)
+        around = [(x, r) for t, x, r in self._past if t >= alarm.t_start - AROUND_S]
+        guess = "unknown"
+        if around:
+            inputs, residual = (np.array(values) for values in zip(*around, strict=True))
+            signals: dict[str, Float1D] = dict(zip(INPUTS, inputs.T, strict=True))
+            guess = looks_like(axis, residual[:, AXES.index(axis)], signals)
+        self.alarms.append(NamedAlarm(alarm_id(self._machine.id, self.digest, alarm), alarm, guess))
+
+
+def follow_file(
+    workspace: Workspace,
+    path: Path,
+    *,
+    machine: str | None = None,
+    tolerate: float = 1.0,
+    idle_s: float = 10.0,
+    sleep: Callable[[float], None] = time.sleep,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[dict[str, Any]]:
+    """Events of a part whose file is being written; the verdict goes into the machine's book at its end.
+
+    Raises RecordingError for columns that are missing, or a rate below the method's; what `monitor` raises without a
+    model or a band.
+    """
+    name = machine or workspace.settings.machine
+    if name is None:
+        raise RecordingError(f"{path}: a CSV file does not name its machine: give --machine.")
+    expect = Expectation.of(workspace, name)
+    band = expect.band(tolerate)
+    predict = _quick_prediction(workspace, expect)
+    for note in expect.notes:
+        log.warning("%s", note)
+    stream: Stream | None = None
+    for table in _blocks(path, workspace.settings.rate_hz, idle_s, workspace.settings.air_cut, sleep, clock):
+        if stream is None:
+            rate = 1.0 / float(np.median(np.diff(table[TIME]))) if len(table[TIME]) > 1 else workspace.settings.rate_hz
+            place = machine_of(workspace, name)
+            stream = Stream(path.stem, place, predict, band, rate, workspace.settings.air_cut)
+        for alarm in stream.push(table):
+            begun = NamedAlarm(alarm_id(name, stream.digest, alarm), alarm, "unknown")
+            yield {"kind": "alarm", **named(begun)}
+    if stream is None:
+        raise RecordingError(f"{path}: no sample was written within {idle_s:g} s.")
+    stream.end()
+    alarms = [named(a) for a in stream.alarms]
+    Book(workspace, name).verdict(
+        {
+            "part": path.stem, "digest": stream.digest, "machine": name, "model": expect.model, "good": not alarms,
+            "followed": True, "alarms": alarms, "notes": list(expect.notes),
+            "band": {"parts": band.parts, "threshold": round(band.threshold, 4), "tolerate": tolerate,
+                     "window_s": band.window_s},
+        }
+    )  # fmt: skip
+    yield {"kind": "end", "part": path.stem, "good": not alarms, "samples": stream.samples, "alarms": alarms}
+
+
+def _quick_prediction(workspace: Workspace, expect: Expectation) -> Callable[[Samples], tuple[Float2D, Float1D]]:
+    near = support(workspace, expect.bundle.content["parts"], recipe_of(workspace))
+    by_axis = {axis: quick(model) for axis, model in expect.models.models.items()}
+    kind = expect.models.inputs
+
+    def predict(samples: Samples) -> tuple[Float2D, Float1D]:
+        columns = model_inputs(samples, kind)
+        usable = np.isfinite(columns).all(axis=1)
+        out, doubt = np.full((len(columns), len(AXES)), np.nan), np.full(len(columns), np.nan)
+        for i, axis in enumerate(AXES):
+            if axis in by_axis and usable.any():
+                out[usable, i] = by_axis[axis](columns[usable])
+        doubt[usable] = near.distance(columns[usable])
+        return out, doubt
+
+    return predict
+
+
+def _blocks(
+    path: Path, rate_hz: float, idle_s: float, air_cut: bool, sleep: Callable[[float], None], clock: Callable[[], float]
+) -> Iterator[dict[str, np.ndarray]]:
+    """Whole blocks of rows as they are written, averaged down to the method's rate."""
+    names: list[str] = []
+    waiting: list[list[str]] = []
+    width = 0
+    for lines in _growing(path, idle_s, sleep, clock):
+        if not names:
+            names, lines = _header(path, lines[0], air_cut), lines[1:]
+        waiting += list(csv.reader(lines))
+        if not width and len(waiting) >= FIRST_ROWS:
+            width = _width(path, names, waiting, rate_hz)
+        whole = len(waiting) // width * width if width else 0
+        if whole:
+            yield _averaged(path, names, waiting[:whole], width, air_cut)
+            waiting = waiting[whole:]
+
+
+def _growing(
+    path: Path, idle_s: float, sleep: Callable[[float], None], clock: Callable[[], float]
+) -> Iterator[list[str]]:
+    """Whole lines of a file as they come; ends when nothing came for `idle_s`."""
+    rest, last = b"", clock()
+    place = 0
+    while True:
+        new = b""
+        if path.exists():
+            with path.open("rb") as handle:
+                handle.seek(place)
+                new = handle.read()
+        place += len(new)
+        *lines, rest = (rest + new).split(b"\n")
+        if new:
+            last = clock()
+        if lines:
+            yield [line.decode("utf-8-sig", "replace").rstrip("\r") for line in lines if line.strip()]
+        elif clock() - last > idle_s:
+            return
+        else:
+            sleep(POLL_S)
+
+
+def _header(path: Path, line: str, air_cut: bool) -> list[str]:
+    names = [ALIASES.get(name.strip(), name.strip()) for name in next(csv.reader([line]))]
+    needed = {TIME, *INPUTS} - (set(_PROCESS) if air_cut else set())
+    missing = sorted(needed - set(names))
+    if missing:
+        raise RecordingError(
+            f"{path}: a part cannot be followed without {', '.join(missing)}. Write them with the recording; where "
+            "nothing is cut, set air_cut = true in workspace.toml."
+        )
+    if not set(names) & set(CURRENT.values()):
+        raise RecordingError(f"{path}: no current to watch; one of {', '.join(CURRENT.values())} is needed.")
+    return names
+
+
+def _width(path: Path, names: list[str], rows: list[list[str]], rate_hz: float) -> int:
+    at = np.array([float(row[names.index(TIME)]) for row in rows])
+    rate = 1.0 / float(np.median(np.diff(at)))
+    if rate < 0.8 * rate_hz:
+        raise RecordingError(
+            f"{path}: {rate:.4g} samples per second; the models were trained on {rate_hz:g}. Record at least that many."
+        )
+    return max(1, round(rate / rate_hz))
+
+
+def _averaged(path: Path, names: list[str], rows: list[list[str]], width: int, air_cut: bool) -> dict[str, np.ndarray]:
+    """Means over `width` rows; of states the last one. A missing value makes its mean missing."""
+    columns: dict[str, np.ndarray] = {}
+    for i, name in enumerate(names):
+        text = [row[i] if i < len(row) else "" for row in rows]
+        if name == "tool_id":
+            columns[name] = np.array([_tool(value) for value in text[width - 1 :: width]], object)
+            continue
+        try:
+            values: Float1D = np.array([float(value) if value.strip() else np.nan for value in text])
+        except ValueError:
+            raise RecordingError(f"{path}: column '{name}' holds what is not a number near {text[0]!r}.") from None
+        grouped = values.reshape(-1, width)
+        columns[name] = grouped[:, -1] if name in (TIME, "nc_line", "coolant") else grouped.mean(axis=1)
+    if air_cut:
+        columns |= {name: np.zeros(len(columns[TIME])) for name in _PROCESS if name not in columns}
+    return columns
+
+
+def _tool(value: str) -> str:
+    """As a stored part says it: a number without its empty decimals."""
+    value = value.strip()
+    return value[: -len(".0")] if value.endswith(".0") else value
