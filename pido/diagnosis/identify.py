@@ -89,8 +89,9 @@ def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
     """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to leave noise."""
     columns = _coarse(mismatch, terms)
     noise = None
-    for _ in range(2):
-        residual = flexible_rest(mismatch, _left_over(mismatch, columns, noise))
+    for last in (False, True):
+        residual = _left_over(mismatch, columns, noise)
+        residual = flexible_rest(mismatch, residual) if last else residual
         noise = estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable, smooth_spectrum=True)
     assert noise is not None
     return noise
