@@ -1,0 +1,192 @@
+"""What a model is made of in the comparisons: rows as printed, as delivered, and what others do with the same rows.
+
+In:  a cell (training and test set), machine, seed, what was adapted before. Out: predictions (n, 4) by variant, counts
+     of generated rows, and how even the bins of the test set are.
+
+All variants of a family have the same rows, model, inputs and model seed, so that only what is named differs:
+  as printed    13 inputs, at most 40 real rows per bin; PiA and PiE of `Method.paper`
+  as delivered  13 inputs and held directions, all real rows; `Method()`, and each rival in the same bins with the counts
+                that eq. 16 asks for
+`real, other seed` and `real + direction, other seed` are the nulls: nothing but the model's seed differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from pido.core.arrays import Float2D
+from pido.core.axes import AXES
+from pido.core.machining import Machine
+from pido.core.samples import PIA, PIE, Samples
+from pido.equations.choose import fit_chosen
+from pido.experiments.cells import Cell, reduced
+from pido.feature_space.density import balance, occupancy, relevant_bins
+from pido.models.axis_models import AxisModels, held_out_errors, quick_trainer
+from pido.models.estimators import EstimatorFactory, extra_trees
+from pido.models.inputs import InputKind, model_inputs
+from pido.sampling.method import PAPER_METHOD, Adaptation, Method, adapt, balance_for
+from pido.sampling.rivals import ROW_RIVALS, dense_weights
+from pido.sampling.shares import ShareRule
+
+PRINTED = ("real", "real, other seed", "PiA", "PiE", "PiA+PiE")
+DELIVERED = ("real + direction", "real + direction, other seed", "PiDO")
+OTHERS = (*ROW_RIVALS, "DenseWeight", "equation alone", "forest on residual", "GP on residual")
+BASELINE = dict.fromkeys(PRINTED, "real") | dict.fromkeys((*DELIVERED, *OTHERS), "real + direction")
+GENERATING = tuple(ROW_RIVALS)
+_GP_ROWS = 400
+
+
+@dataclass
+class Memory:
+    """What was adapted at an earlier step of the same repeat; it stands until the data have grown by half."""
+
+    adaptation: Adaptation | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """predicted : variant -> (n, 4), A; rows : variant -> generated rows; even : variant -> standard deviation of rows
+    per bin of the test set."""
+
+    predicted: dict[str, Float2D] = field(default_factory=dict)
+    rows: dict[str, int] = field(default_factory=dict)
+    even: dict[str, float] = field(default_factory=dict)
+
+
+def tell(
+    cell: Cell, machine: Machine, wanted: Sequence[str], memory: Memory, seed: int, *, trees: int = 30,
+    estimators: str = "default",
+) -> Told:  # fmt: skip
+    """Train every wanted variant on the cell and let it predict the test set."""
+    told = Told()
+    choice: Any = estimators if trees == 30 else dict.fromkeys(AXES, _small(trees))
+    if set(wanted) & set(PRINTED):
+        _printed(cell, machine, wanted, seed, choice, told)
+    if set(wanted) & {*DELIVERED, *OTHERS}:
+        _delivered(cell, machine, wanted, memory, seed, choice, told)
+    return told
+
+
+def adaptation_for(real: Samples, machine: Machine, memory: Memory, seed: int) -> Adaptation:
+    """The choice of equations and shares for these rows, or the last one while it holds."""
+    if memory.adaptation is None or memory.adaptation.outdated(len(real)):
+        method = Method()
+        memory.adaptation = adapt(
+            real, machine, method, train=quick_trainer(seed=seed), rng=np.random.default_rng(seed),
+            model_error=held_out_errors(real, grid=method.grid, seed=seed),
+        )  # fmt: skip
+    return memory.adaptation
+
+
+def _small(trees: int) -> EstimatorFactory:
+    return lambda seed: extra_trees(seed).set_params(n_estimators=trees)
+
+
+def _model(
+    real: Samples, extra: Samples, weights: Float2D, test: Samples, choice: Any, inputs: InputKind, seed: int
+) -> Float2D:
+    rows = Samples.concat([real, extra]) if len(extra) else real
+    omega = np.vstack([np.ones((len(real), 4)), weights]) if len(extra) else None
+    return AxisModels.fit(rows, omega, choice=choice, inputs=inputs, seed=seed).predict(test)
+
+
+def _printed(cell: Cell, machine: Machine, wanted: Sequence[str], seed: int, choice: Any, told: Told) -> None:
+    method, rng = PAPER_METHOD, np.random.default_rng(seed)
+    real = reduced(cell.train, method.share.density, rng, method.grid)
+    made = balance_for(_path(cell.test), real, machine, method, rng=rng)
+    needed = relevant_bins(cell.test.reduced, method.grid)
+    for name, origins in (
+        ("real", ()), ("real, other seed", ()), ("PiA", (PIA,)), ("PiE", (PIE,)), ("PiA+PiE", (PIA, PIE)),
+    ):  # fmt: skip
+        if name not in wanted:
+            continue
+        keep = np.isin(made.generated.origin, origins)
+        extra = made.generated.take(keep)
+        model_seed = seed + 1 if name.endswith("other seed") else seed
+        told.predicted[name] = _model(real, extra, made.weights[keep], cell.test, choice, "paper", model_seed)
+        told.rows[name] = len(extra)
+        both = np.vstack([real.reduced, extra.reduced])
+        told.even[name] = balance(both, needed, method.grid)
+
+
+def _delivered(
+    cell: Cell, machine: Machine, wanted: Sequence[str], memory: Memory, seed: int, choice: Any, told: Told
+) -> None:
+    method, real, test = Method(), cell.train, cell.test
+    needed = relevant_bins(test.reduced, method.grid)
+    nothing, none = real.take(slice(0, 0)), np.zeros((0, 4))
+
+    def note(name: str, predicted: Float2D, extra: Samples = nothing) -> None:
+        told.predicted[name], told.rows[name] = predicted, len(extra)
+        told.even[name] = balance(np.vstack([real.reduced, extra.reduced]), needed, method.grid)
+
+    plain = _model(real, nothing, none, test, choice, "extended", seed)
+    note("real + direction", plain)
+    if "real + direction, other seed" in wanted:
+        note("real + direction, other seed", _model(real, nothing, none, test, choice, "extended", seed + 1))
+    adapted: Adaptation | None = None
+    if set(wanted) & {"PiDO", "equation alone", "forest on residual", "GP on residual"}:
+        adapted = adaptation_for(real, machine, memory, seed)
+    if adapted is not None and "PiDO" in wanted:
+        made = balance_for(_path(test), real, machine, method, adapted, rng=np.random.default_rng(seed))
+        extra = made.generated
+        # no row for any axis: the same model
+        own = _model(real, extra, made.weights, test, choice, "extended", seed) if len(extra) else plain
+        note("PiDO", own, extra)
+    n_real = occupancy(real.reduced, method.grid).count_in(needed)
+    number = ShareRule().wanted(n_real, np.random.default_rng(seed))[1]
+    for name, make in ROW_RIVALS.items():
+        if name in wanted:
+            extra = make(real, needed, number, method.grid, np.random.default_rng(seed))
+            note(name, _model(real, extra, np.ones((len(extra), 4)), test, choice, "extended", seed), extra)
+    if "DenseWeight" in wanted:
+        weights = dense_weights(real.currents)
+        note("DenseWeight", AxisModels.fit(real, weights, choice=choice, seed=seed).predict(test))
+    if adapted is not None and set(wanted) & {"equation alone", "forest on residual", "GP on residual"}:
+        bins = relevant_bins(np.vstack([test.reduced, real.reduced]), method.equation_grid)
+        equation = fit_chosen(real, bins, machine, adapted.choice, grid=method.equation_grid, blend=True)
+        said = equation.predict(test)
+        left = replace(real, currents=real.currents - equation.predict(real))
+        if "equation alone" in wanted:
+            note("equation alone", said)
+        if "forest on residual" in wanted:
+            note("forest on residual", said + _model(left, nothing, none, test, choice, "extended", seed))
+        if "GP on residual" in wanted:
+            note("GP on residual", said + _gaussian_process(left, test, np.random.default_rng(seed)))
+
+
+def _path(test: Samples) -> Samples:
+    """The coming part without its currents: what is known before it is made."""
+    return replace(test, currents=np.full((len(test), 4), np.nan))
+
+
+def _gaussian_process(left: Samples, test: Samples, rng: np.random.Generator) -> Float2D:
+    """Gaussian process with one length per input, on at most 400 rows; what it says far from them goes to zero."""
+    import warnings
+
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    x, new = model_inputs(left, "extended"), model_inputs(test, "extended")
+    spread = np.std(x, axis=0)
+    live = spread > 1e-9
+    out = np.zeros((len(test), 4))
+    for i in range(4):
+        rows = np.flatnonzero(np.isfinite(left.currents[:, i]))
+        rows = rng.choice(rows, min(_GP_ROWS, len(rows)), replace=False)
+        y = left.currents[rows, i]
+        if len(rows) < 10 or not np.std(y) > 0 or not live.any():
+            continue
+        kernel = ConstantKernel(1.0) * RBF(np.full(int(live.sum()), 3.0), (0.1, 1e3)) + WhiteKernel(0.3, (1e-4, 10.0))
+        model = GaussianProcessRegressor(kernel, normalize_y=True, random_state=0)
+        with warnings.catch_warnings():
+            # a length at its bound means that the input does not matter, which is an answer
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            model.fit(x[rows][:, live] / spread[live], y)
+        out[:, i] = model.predict(new[:, live] / spread[live])
+    return out
