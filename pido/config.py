@@ -238,6 +238,12 @@ class MethodSettings(_Settings):
     inputs: Literal["extended", "paper"] = Field(
         default="extended", description="13 inputs of the paper, or with each axis' last direction of motion"
     )
+    rows_max: PositiveInt = Field(
+        default=1_000_000, description="real rows that models learn from; above it, crowded bins are thinned"
+    )
+    rows_max_choice: PositiveInt = Field(
+        default=100_000, description="the same for choosing equations and shares, which trains some 40 models"
+    )
 
     @classmethod
     def paper(cls) -> MethodSettings:

@@ -37,6 +37,7 @@ from pido.models.inputs import NAMES, InputKind, model_inputs
 from pido.models.metrics import metrics
 from pido.models.promotion import gate
 from pido.parts import entry_of, ingest, machine_of, recipe_of, samples_of, samples_path
+from pido.rows import training_rows
 from pido.sampling.method import Adaptation
 from pido.store import Store
 from pido.tracking import bundle, model_files, promotion
@@ -75,8 +76,11 @@ class _Place:
         return [ALL] if len(self.plan["parts"]) == 1 else [BEFORE, ALL]
 
     def rows(self, which: str, count: int | None = None) -> Samples:
-        """Real rows of a set, of its first `count` parts in production order."""
-        return Samples.concat([samples_of(self.workspace, d) for d in self.parts(which)[:count]])
+        """Real rows of a set, or of its first `count` parts in production order to choose equations on; crowded bins
+        are thinned where there are more rows than the settings allow."""
+        method = self.workspace.settings.method
+        limit = method.rows_max if count is None else method.rows_max_choice
+        return training_rows(self.workspace, self.plan["machine"], self.parts(which)[:count], limit)
 
     def path(self, which: str) -> Samples:
         """The path that rows are balanced for: the arriving part's, or the newest part's."""

@@ -37,13 +37,13 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
     from pido.cli.simulate import summary
     from pido.config import load_job
     from pido.core.errors import StoreError
-    from pido.core.samples import Samples
     from pido.iteration import balance, refit
-    from pido.parts import recipe_of, samples_of
+    from pido.parts import recipe_of
     from pido.process.samples import to_samples
     from pido.process.simulate import simulate_job
     from pido.reports.page import number, write_page
     from pido.reports.plan import plan_figures, plan_page, plan_rows
+    from pido.rows import training_rows
     from pido.store import Store
 
     job = load_job(job_file)
@@ -55,9 +55,10 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
         )
     recording = simulate_job(program, job)
     path = to_samples(recording, job.machine, "", engaged_only=bool((recording["mrr_sim"] > 0).any()))
-    real = Samples.concat([samples_of(workspace, entry.digest) for entry in entries])
-    recipe = recipe_of(workspace)
-    balanced = balance(real, path, refit(real, job.machine, recipe, seed), job.machine, recipe, seed)
+    recipe, method, digests = recipe_of(workspace), workspace.settings.method, [entry.digest for entry in entries]
+    real = training_rows(workspace, job.machine.id, digests, method.rows_max)
+    judged = training_rows(workspace, job.machine.id, digests, method.rows_max_choice)
+    balanced = balance(real, path, refit(judged, job.machine, recipe, seed), job.machine, recipe, seed)
 
     report, grid = balanced.report, recipe.method.grid
     visited, count = np.unique(grid.ids(path.reduced), return_counts=True)

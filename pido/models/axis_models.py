@@ -44,12 +44,13 @@ class AxisModels:
         choice: str | Mapping[str, EstimatorFactory] = "default",
         inputs: InputKind = "extended",
         seed: int = 0,
-        n_jobs: int = 1,
+        n_jobs: int = -1,
     ) -> AxisModels:
         """Train on the rows whose current is known, axis by axis.
 
         weights : (n,) or (n, 4) – how much a row counts in the loss (`pido.sampling.loss`), real and generated
-        n_jobs : trees trained at once; it does not change the models
+        n_jobs : trees trained at once, by default one per core (as `joblib` counts them: LOKY_MAX_CPU_COUNT says
+            otherwise); it does not change the models
         Rows are put in canonical order first: parts may arrive in any order. FitError where no axis has a current.
         """
         order = np.lexsort((samples.row, samples.part.astype(str), samples.origin))

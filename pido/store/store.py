@@ -108,6 +108,10 @@ class Store:
             )
         )
 
+    def entry(self, digest: str) -> Entry | None:
+        """The part with this content, or None. One lookup, however many parts there are."""
+        return self._find(digest)
+
     def has(self, digest: str) -> bool:
         """Whether this content was stored."""
         return self._find(digest) is not None

@@ -1,0 +1,117 @@
+"""The real rows that an iteration works on: of all its parts, from files, never more than the settings allow.
+
+In:  a workspace, digests of parts in production order, a limit. Out: `Samples`, the same for the same set of parts.
+
+Below the limit: every row. Above it: bins with too many rows are thinned (`pido.sampling.thin`). What was kept is
+written beside the derived rows, so that the next part is added to it and the parts before are not read again.
+
+    derived/<part>-<settings>.parquet      rows of a part              (pido.parts)
+    derived/<part>-<settings>.bins.npz     how many of them in which bin
+    derived/kept-<key>.parquet, .json      rows kept for a set of parts, and which set
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from pido.core.samples import Samples
+from pido.feature_space.grid import Grid
+from pido.files.samples import load_samples, save_samples
+from pido.parts import recipe_of, samples_of
+from pido.sampling.thin import BinCounts, kept
+from pido.workspace import Workspace, code_version, digest_of, write_atomically
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of parts under one state of the settings.
+
+    folder : where counts and kept rows are written
+    state : all that decides the rows of a part beside the part itself, as a digest
+    load : digest of a part -> its rows
+    """
+
+    folder: Path
+    state: str
+    grid: Grid
+    load: Callable[[str], Samples]
+
+    def of(self, parts: Sequence[str], limit: int) -> Samples:
+        """At most about `limit` rows of `parts`, in the order of `parts` and of their rows."""
+        counts = BinCounts.sum([self.counts(part) for part in parts])
+        if counts.rows <= limit:
+            return Samples.concat([self.load(part) for part in parts])
+        place = self._place(parts, limit)
+        if not place.exists():
+            known, rows = self._nearest(set(parts), limit)
+            fresh = [part for part in parts if part not in known]
+            log.info("%d rows in %d parts, limit %d: %d part(s) to read", counts.rows, len(parts), limit, len(fresh))
+            pieces = [] if rows is None else [rows.take(kept(rows, counts, limit, self.grid))]
+            for part in fresh:
+                new = self.load(part)
+                pieces.append(new.take(kept(new, counts, limit, self.grid)))
+            save_samples(_ordered(Samples.concat(pieces), parts), place)
+            write_atomically(place.with_suffix(".json"), json.dumps({"parts": sorted(parts)}))
+            self._tidy(place)
+        os.utime(place)
+        return _ordered(load_samples(place), parts)
+
+    def counts(self, part: str) -> BinCounts:
+        """Rows per bin of one part."""
+        place = self.folder / f"{part[:24]}-{digest_of([self.state, self.grid.width])[:12]}.bins.npz"
+        if not place.exists():
+            found = BinCounts.of(self.load(part).reduced, self.grid)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            temporary = place.with_name(f".{os.getpid()}.{place.name}")
+            np.savez(temporary, bins=found.bins, count=found.count)
+            temporary.replace(place)
+            return found
+        with np.load(place, allow_pickle=False) as stored:
+            return BinCounts(stored["bins"], stored["count"])
+
+    def _place(self, parts: Sequence[str], limit: int) -> Path:
+        return self.folder / f"kept-{self._family(limit)}-{digest_of(sorted(parts))[:24]}.parquet"
+
+    def _family(self, limit: int) -> str:
+        return digest_of([self.state, self.grid.width, limit])[:12]
+
+    def _nearest(self, parts: set[str], limit: int) -> tuple[set[str], Samples | None]:
+        """The largest set within `parts` for which rows are kept already."""
+        best: tuple[set[str], Path | None] = (set(), None)
+        for about in sorted(self.folder.glob(f"kept-{self._family(limit)}-*.json")):
+            known, place = set(json.loads(about.read_text(encoding="utf-8"))["parts"]), about.with_suffix(".parquet")
+            if known <= parts and len(known) > len(best[0]) and place.exists():
+                best = known, place
+        return best[0], None if best[1] is None else load_samples(best[1])
+
+    def _tidy(self, newest: Path, keep: int = 4) -> None:
+        """Forget what has not been asked for lately: it can be made again."""
+        found = sorted(self.folder.glob("kept-*.parquet"), key=lambda p: p.stat().st_mtime_ns, reverse=True)
+        for old in [p for p in found if p != newest][keep:]:
+            old.unlink(missing_ok=True)
+            old.with_suffix(".json").unlink(missing_ok=True)
+
+
+def training_rows(workspace: Workspace, machine: str, parts: Sequence[str], limit: int) -> Samples:
+    """Real rows of `parts` (digests) of one machine, as the workspace's settings have them now."""
+    under = [workspace.settings_digest(machine), code_version(), workspace.excluded(machine)]
+    rows = Rows(workspace.derived, digest_of(under), recipe_of(workspace).method.grid, partial(samples_of, workspace))
+    return rows.of(parts, limit)
+
+
+def _ordered(samples: Samples, parts: Sequence[str]) -> Samples:
+    """Parts in the order given, rows ascending within each."""
+    at = {part: k for k, part in enumerate(parts)}
+    names, inverse = np.unique(samples.part.astype(str), return_inverse=True)
+    order = np.array([at[name] for name in names], np.int64)
+    return samples.take(np.lexsort((samples.row, order[inverse] if len(names) else inverse)))
