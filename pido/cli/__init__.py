@@ -2,10 +2,12 @@
 
 Exit codes: 0 done (also when the answer is "nothing found"), 1 input that cannot be used, 2 a wrong call.
 The result goes to stdout, everything else to stderr.
+Completion: `eval "$(_PIDO_COMPLETE=bash_source pido)"` in bash; zsh_source in zsh, fish_source in fish.
 """
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import sys
 
@@ -32,6 +34,18 @@ VERBS = {
     "report": "write the page of an iteration, a plan, an experiment or a monitor run",
 }
 
+EXTRAS = {
+    "prefect": "servers",
+    "mlflow": "servers",
+    "asyncpg": "servers",
+    "prefect_dask": "cluster",
+    "dask": "cluster",
+    "distributed": "cluster",
+    "optuna": "experiments",
+    "dcor": "experiments",
+}
+"""Libraries that the package does without, and the extra that brings them."""
+
 
 class Verbs(click.Group):
     """Commands found by name; their modules are imported only when called."""
@@ -43,6 +57,15 @@ class Verbs(click.Group):
         if cmd_name not in VERBS:
             return None
         return importlib.import_module(f"pido.cli.{cmd_name.replace('-', '_')}").command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in VERBS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], VERBS, n=1)
+            meant = f" Did you mean '{near[0]}'?" if near else " `pido --help` lists the verbs."
+            raise click.UsageError(f"No such verb '{args[0]}'.{meant}", ctx)
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Verbs"):
@@ -61,9 +84,17 @@ def pido() -> None:
 
 
 def main() -> None:
-    """Entry point: a deliberate error is one message on stderr and exit code 1."""
+    """Entry point: a deliberate error, or an extra that is not installed, is one message on stderr and exit code 1."""
     try:
         pido(prog_name="pido")
     except PidoError as error:
         click.echo(f"pido: {error}", err=True)
+        sys.exit(1)
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library not in EXTRAS:
+            raise
+        click.echo(
+            f"pido: this needs {library}, which is not installed: pip install 'pido[{EXTRAS[library]}]'", err=True
+        )
         sys.exit(1)

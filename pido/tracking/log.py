@@ -25,7 +25,7 @@ from pido.tracking.bundle import Bundle, load
 from pido.tracking.figures import figures, markdown, table
 from pido.tracking.ledger import Iteration, Ledger
 from pido.tracking.mirror import reconcile
-from pido.tracking.mlflow_store import client, experiment, model_names
+from pido.tracking.mlflow_store import client, experiment, model_names, not_installed
 from pido.tracking.report_files import RunFiles
 from pido.workspace import Workspace
 
@@ -54,6 +54,8 @@ def log_pending(workspace: Workspace) -> int:
 
 def try_log_pending(workspace: Workspace) -> tuple[int, str]:
     """`log_pending`; where MLflow cannot be reached: (0, why), and everything waits for the next call."""
+    if missing := not_installed():
+        return 0, missing
     from mlflow.exceptions import MlflowException
 
     try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from pido.tracking.mlflow_store import client, model_names
+from pido.tracking.mlflow_store import client, model_names, not_installed
 from pido.tracking.promotion import history, standings
 from pido.workspace import Workspace
 
@@ -42,6 +42,8 @@ def reconcile(workspace: Workspace, machine: str) -> None:
 
 def try_reconcile(workspace: Workspace, machine: str) -> str:
     """`reconcile`; returns '' or, where MLflow cannot be reached, why: the decision itself stands already."""
+    if missing := not_installed():
+        return missing
     from mlflow.exceptions import MlflowException
 
     try:

@@ -9,6 +9,7 @@ import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from pido.core.axes import AXES
@@ -24,6 +25,11 @@ os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
 # A server that is away is found out in seconds, not minutes: the iteration is logged when it is there again.
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
+
+
+def not_installed() -> str:
+    """'' or what to do where the library is installed without MLflow: everything else works, and is logged later."""
+    return "" if find_spec("mlflow") else "MLflow is not installed: pip install 'pido[servers]'"
 
 
 @contextmanager
