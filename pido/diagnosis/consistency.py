@@ -162,9 +162,11 @@ def _speed_and_acceleration(
     usual = _usual(off[apart], rate[apart])
     frozen = np.zeros(len(time), bool)
     for i, j in held:
-        if float(np.sqrt(np.mean(off[i : j + 1] ** 2 * use[i : j + 1]))) > usual / 1.5:
+        inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))
+        if float(np.sqrt(np.mean(off[inner] ** 2 * use[inner]))) > usual / 1.5:
             frozen[i : j + 1] = True
-    rough_a, rough_rate = _spread(a), _spread(rate)
+    # One-sided differences: a central one smooths the shortest moves away.
+    rough_a, rough_rate = _spread(a), _spread(np.diff(np.nan_to_num(v), prepend=v[:1]) / np.median(np.diff(time)))
     bad = (np.abs(off) > usual + np.minimum(rough_a, rough_rate)) & use & ~frozen
     spike_a, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
     for i, j in runs(_closed(bad)):

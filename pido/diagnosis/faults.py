@@ -9,6 +9,7 @@ data's own noise); the only fixed numbers are speeds and accelerations that no m
 from __future__ import annotations
 
 from typing import NamedTuple
+from weakref import finalize, ref
 
 import numpy as np
 
@@ -23,6 +24,10 @@ _V_MOST = {"lin": 5000.0, "sp": 9.0e5}
 _A_MOST = {"lin": 2.0e5, "sp": 9.0e7}
 _DISPLACED = "displaced since a jump: a counter reset"
 _FLAT_SHARE = 2e-3  # of the samples must lie exactly at a current's extreme to call it a limit
+
+
+Faults = dict[str, dict[str, Bool1D]]
+_judged: dict[int, tuple[ref[Recording], dict[str, Faults]]] = {}
 
 
 class Fault(NamedTuple):
@@ -109,12 +114,24 @@ def time_shift(recording: Recording, axis: str, longest_s: float = 1.0) -> tuple
     return float((lags[k] + fine) * dt), float(c[k])
 
 
-def _faults_of_axis(recording: Recording, axis: str) -> dict[str, dict[str, Bool1D]]:
+def _faults_of_axis(recording: Recording, axis: str) -> Faults:
+    """Per column and reason the rows concerned; each recording is judged once, as it never changes."""
+    known = _judged.get(id(recording))
+    if known is None or known[0]() is not recording:
+        known = _judged[id(recording)] = (ref(recording), {})
+        finalize(recording, _judged.pop, id(recording), None)
+    if axis not in known[1]:
+        found = _judge(recording, axis)
+        known[1][axis] = {c: {k: rows for k, rows in by.items() if rows.any()} for c, by in found.items()}
+    return known[1][axis]
+
+
+def _judge(recording: Recording, axis: str) -> Faults:
     time = recording.time
     sort = "lin" if axis in LINEAR_AXES else "sp"
     names = {"pos": POSITION[axis], "v": VELOCITY[axis], "a": ACCELERATION[axis]}
     pos, v, a = (np.asarray(recording[n], float) if n in recording else None for n in names.values())
-    out: dict[str, dict[str, Bool1D]] = {n: {} for n in names.values()}
+    out: Faults = {n: {} for n in names.values()}
     wrong = np.zeros(len(time), bool)
     if v is not None:
         wrong = np.abs(v) > _V_MOST[sort]

@@ -51,8 +51,9 @@ class Parameter:
 
     def around(self, value: float) -> tuple[float, float]:
         """From the grid's neighbour below a value to the one above."""
-        below = [g for g in self.grid if g < value * (1 - 1e-9) or (value <= 0 and g < value)]
-        above = [g for g in self.grid if g > value * (1 + 1e-9) or (value <= 0 and g > value)]
+        least = 1e-9 * abs(value)
+        below = [g for g in self.grid if g < value - least]
+        above = [g for g in self.grid if g > value + least]
         return max(below, default=value), min(above, default=value)
 
 

@@ -206,7 +206,7 @@ class MaterialHardZone(Mechanism):
 
 
 def best_rectangle(
-    x: Float1D, y: Float1D, force: Float1D, value: Float1D, bins: int = 20
+    x: Float1D, y: Float1D, force: Float1D, value: Float1D, bins: int = 30
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """The rectangle inside which value = k * force has the k that differs most from outside: (centre, half) of x and y.
 

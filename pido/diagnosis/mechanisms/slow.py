@@ -108,15 +108,15 @@ class CurrentSaturation(Mechanism):
         """Knees at quantiles of the simulated current's size; the powers have none."""
         sizes = _sizes(states)
         knees = [float(k) for k in dict.fromkeys(np.quantile(sizes, (0.5, 0.75, 0.9, 0.97, 0.995))) if k > 0]
-        top = max(float(sizes.max()), 0.01)
-        bends = [(top * share, 3.0) for share in (0.5, 1.0, 2.0)]
+        bends = [(k, 3.0) for k in (*knees, max(float(sizes.max()), 0.01))]
         return tuple({"I_k": k, "form": f} for k, f in (*((k, 0.0) for k in knees), (1.0, 1.0), (1.0, 2.0), *bends))
 
     def around(self, name, shape, states):
         form, knee = round(shape["form"]), shape["I_k"]
         if name != "I_k" or form in (1, 2):
             return shape[name], shape[name]
-        return knee / 2, knee * 2
+        # Bent less than this, the tangent is the cube again.
+        return knee / 2, min(knee * 2, max(knee, 1.2 * float(_sizes(states).max()))) if form == 3 else knee * 2
 
     def free(self, shape):
         return 0 if round(shape["form"]) in (1, 2) else 1
