@@ -20,7 +20,7 @@ from pido.core.arrays import Float1D, Float2D
 from pido.core.errors import SettingsError
 from pido.core.machining import Stock
 from pido.physics.frames import TOOL_FRAME, to_tool_frame
-from pido.process.sweep import COV, FIELDS, LOW, N_U, N_V, TOP
+from pido.process.cells import COV, FIELDS, LOW, N_U, N_V, TOP
 
 DEFAULT_GRID_MM = 0.1
 MAX_CELLS = 40_000_000
