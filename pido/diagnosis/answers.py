@@ -6,6 +6,7 @@ Out: `Finding` values in the words and units of the contract.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 
@@ -74,7 +75,7 @@ def where_of(
     """Intervals per part, bins of M, NC blocks and the place on the workpiece where a term acts."""
     act = active(effect, noise_level)
     scores = score(effect, noise_level)
-    by_part = [slice(int(i), int(j)) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+    by_part = [slice(int(i), int(j)) for i, j in itertools.pairwise(edges)]
     found = []
     for state, rows in zip(states, by_part, strict=True):
         found += intervals(state.part, state.time, act[rows], scores[rows])

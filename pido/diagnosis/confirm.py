@@ -1,13 +1,14 @@
 """Is it more than noise, and does it hold on data that the fit had not seen?
 
 In:  one axis of all parts, the joint model, its noise.
-Out: p values that blocks stand behind, errors before and after on unseen parts, confidence intervals by block bootstrap.
-Source: cluster-robust Wald test (Liang and Zeger 1986; small-sample form CR1); false discovery rate (Benjamini and Yekutieli
-2001, valid under any dependence); moving the whole joint fit over resampled blocks (Künsch 1989).
+Out: p values that blocks stand behind, errors before and after on unseen parts, intervals by block bootstrap.
+Source: cluster-robust Wald test (Liang and Zeger 1986; small-sample form CR1); false discovery rate (Benjamini and
+Hochberg 1995); resampled blocks carry the whole joint fit (Künsch 1989, with the weights of Rubin 1981).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,7 +37,7 @@ class Whitened:
 def whitened(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Whitened:
     columns = [t.columns(mismatch.states) for t in terms]
     sizes = np.cumsum([len(mismatch.base), *[len(c) for c in columns]])
-    spans = tuple(slice(int(i), int(j)) for i, j in zip(sizes[:-1], sizes[1:], strict=True))
+    spans = tuple(slice(int(i), int(j)) for i, j in itertools.pairwise(sizes))
     return Whitened(
         noise.whiten(np.concatenate([mismatch.base, *columns])), noise.whiten(mismatch.target[None])[0], spans
     )
@@ -137,7 +138,9 @@ def paired_p(gain: Float1D, mismatch: Mismatch, rows: Float1D | None = None) -> 
 
 
 def bootstrap(model: Whitened, mismatch: Mismatch, rng: np.random.Generator, draws: int = _DRAWS) -> Float2D:
-    """(draws, base + amplitudes): the joint fit on resampled observations, parts where there are enough, else blocks."""
+    """(draws, base + amplitudes): the joint fit on resampled observations, parts where there are enough,
+    else blocks.
+    """
     by_part = len(mismatch.states) >= _FEWEST_PARTS_TO_RESAMPLE
     unit = mismatch.part if by_part else mismatch.block
     units = np.unique(unit)

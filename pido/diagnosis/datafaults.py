@@ -40,7 +40,8 @@ def input_findings(parts: Sequence[Recording]) -> list[Finding]:
         reasons = sorted({f[4] for f in faults})
         intervals = _merged(faults)
         where = Where(
-            f"{', '.join(columns)} is wrong in {len(intervals)} place(s): {'; '.join(reasons)}; these rows are set aside",
+            f"{', '.join(columns)} is wrong in {len(intervals)} place(s): {'; '.join(reasons)}; "
+            "these rows are set aside",
             tuple(columns),
             tuple(intervals),
         )

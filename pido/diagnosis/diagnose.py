@@ -339,7 +339,8 @@ def _comparable_axes(parts: Sequence[Recording], notes: list[str]) -> list[str]:
         given = [CURRENT_SIM[axis] in r for r in parts]
         if any(given) and not all(given):
             raise DiagnosisError(
-                f"'{CURRENT_SIM[axis]}' is given in some parts and not in {_names(parts, given)}. Give it in all or in none."
+                f"'{CURRENT_SIM[axis]}' is given in some parts and not in {_names(parts, given)}. "
+                "Give it in all or in none."
             )
         if all(given):
             for r in parts:

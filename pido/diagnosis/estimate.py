@@ -107,7 +107,9 @@ def _slopes(mismatch: Mismatch, term: Term, amplitudes: Float1D) -> dict[str, Fl
 
 
 def _slope(mismatch: Mismatch, term: Term, amplitudes: Float1D, name: str, value: float, log: bool) -> Float1D:
-    """Central difference, with a step small enough that the effect changes little (a wave over hours needs a tiny one)."""
+    """Central difference, with a step small enough that the effect changes little (a wave over hours
+    needs a tiny one).
+    """
     parameter = next(p for p in term.mechanism.shape if p.name == name)
     span = max(abs(value), 1e-3 * abs((parameter.high or 1.0) - (parameter.low or 0.0)))
     slope = np.zeros(mismatch.n)

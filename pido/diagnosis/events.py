@@ -3,8 +3,8 @@
 In:  what is left of the mismatch, whitened, per part.
 Out: `ExternalForce`, one level per interval, which belongs to the parts it was seen in and is never carried to another;
      `Rhythm`, a wave.
-Source: circular binary segmentation (Olshen et al. 2004): the interval with the largest likelihood gain is taken, removed,
-and the search repeated while the gain pays for two ends and a level.
+Source: circular binary segmentation (Olshen et al. 2004): the interval with the largest likelihood gain is taken,
+removed, and the search repeated while the gain pays for two ends and a level.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ class Rhythm(Mechanism):
 def find_rhythms(mismatch: Mismatch, noise: Noise, residual: Float1D, most: int = 2) -> list[tuple[Rhythm, float]]:
     """Waves that stand out of `residual` (whitened, (n,)): (wave, period in s), strongest first.
 
-    The gains of the parts, each with a phase of its own, are added up per frequency; whether the phases agree is for the
+    The gains of the parts, each with a phase of its own, are added up per frequency; whether the phases agree is
+    for the
     fit to say.
     """
     bounds = list(zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True))

@@ -2,7 +2,8 @@
 
 In:  one axis of all parts (`Mismatch`), the catalogue, what the simulation contains.
 Out: `Answer`: terms, their noise, p values, what each could be mistaken for, what was tried and rejected.
-Order of work: noise from a saturated fit; selection; noise again without what was found, and the search once more (small
+Order of work: noise from a saturated fit; selection; noise again without what was found, and the search once more
+(small
 effects show only once the large ones are out); only then the strict tests.
 """
 
@@ -86,7 +87,9 @@ def candidates(
 
 
 def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
-    """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to leave noise."""
+    """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to
+    leave noise.
+    """
     columns = _coarse(mismatch, terms)
     noise = None
     for last in (False, True):
@@ -100,7 +103,8 @@ def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
 def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
     """Noise of what the joint fit of `terms` leaves, and a flexible model of the state cannot predict.
 
-    A real machine always does a little more than the terms say. Taken for noise, that rest would be slow and strong, and
+    A real machine always does a little more than the terms say. Taken for noise, that rest would be slow and
+    strong, and
     whitening would then listen to fast transients only.
     """
     residual = flexible_rest(mismatch, fit(mismatch, noise, terms).residual)

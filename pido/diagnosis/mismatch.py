@@ -1,8 +1,10 @@
 """One axis of all parts, laid out for statistics: what is to be explained, and what may not be confused with it.
 
 In:  the state of one axis in every part, and the signal that simulation and recording disagree about.
-Out: `Mismatch`: target row by row, the terms that are always in the fit, parts, blocks, interruptions, classes of noise.
-The unit of every claim is the part; with fewer than `FEW_PARTS` parts, contiguous blocks stand in, and the answer says so.
+Out: `Mismatch`: target row by row, the terms that are always in the fit, parts, blocks, interruptions, classes of
+     noise.
+The unit of every claim is the part; with fewer than `FEW_PARTS` parts, contiguous blocks stand in, and the answer
+says so.
 """
 
 from __future__ import annotations

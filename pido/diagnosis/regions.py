@@ -78,7 +78,9 @@ def _better(
 
 
 def _grid(values: Float1D) -> list[float]:
-    """Limits worth trying: quantiles, halfway to the next distinct level, so that a constant feed has none inside it."""
+    """Limits worth trying: quantiles, halfway to the next distinct level, so that a constant feed has
+    none inside it.
+    """
     inner = np.unique(np.quantile(values, np.linspace(_LEAST_SHARE, 1 - _LEAST_SHARE, _THRESHOLDS + 2)))
     span = float(np.ptp(inner))
     if span <= 0:

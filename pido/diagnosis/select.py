@@ -3,7 +3,8 @@
 In:  one axis of all parts, its noise, and the mechanisms that these data could show.
 Out: the set of terms with the least BIC of the whitened rows that moves cannot better, and what every other mechanism
      would have done in the place of each.
-Source: variable projection (Golub and Pereyra 1973): amplitudes drop out of the search, only shapes are searched; extended
+Source: variable projection (Golub and Pereyra 1973): amplitudes drop out of the search, only shapes are searched;
+extended
 BIC (Chen and Chen 2008) charges a mechanism for the number of shapes that were tried on its behalf.
 """
 

@@ -6,6 +6,7 @@ Out: `Term`, its regressors row by row, and a joint generalised least-squares `f
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -129,7 +130,7 @@ def fit(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], columns: Sequen
     rss = float(whitened @ whitened)
     b = len(mismatch.base)
     sizes = np.cumsum([b, *[len(c) for c in columns]])
-    amplitudes = tuple(beta[i:j] for i, j in zip(sizes[:-1], sizes[1:], strict=True))
+    amplitudes = tuple(beta[i:j] for i, j in itertools.pairwise(sizes))
     free = b + sum(len(c) + t.free for t, c in zip(terms, columns, strict=True))
     return Fit(
         terms=tuple(terms),

@@ -1,7 +1,8 @@
 """What no mechanism of the catalogue explains: how much of it there is, where it acts, and a model without a name.
 
 In:  what is left of one axis' mismatch, and everything that the recording knows about the state.
-Out: the share that a flexible model predicts on unseen parts; a formula in the recorded quantities, or a surface over one or
+Out: the share that a flexible model predicts on unseen parts; a formula in the recorded quantities, or a surface
+     over one or
      two of them, with the units that make it an ampere.
 A flexible model has no say in naming. It only tells when a name would be dressing up.
 """
