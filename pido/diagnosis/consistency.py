@@ -8,6 +8,7 @@ from how fast the calmer of two signals changes there; what stands far outside i
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,11 +20,13 @@ _FACTOR = 12.0  # robust deviations that two signals never differ by
 _TAIL = 6.0  # times the difference that one sample in ten exceeds
 _EDGE = 2  # steps at either end of a stretch
 _NEGLIGIBLE = 2e-3  # of the largest values of a signal: a smaller contradiction does no harm
-_REACH = 4  # samples to either side that a filter in the control may delay or blur one signal against another
+_REACH = 3  # samples to either side that a filter in the control may delay or blur one signal against another
 _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.05  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
 _FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
+_ROUNDED = 3.0  # steps of rounding that a difference of two samples, and the one beside it, may be off by
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
+_ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
 _SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
 _FEWEST = 50
 
@@ -97,8 +100,8 @@ def _position_and_speed(
     doubtful = repeats[1:] & (np.abs(rate) > _FACTOR * _deviation(rate[use]))
     use = use & ~doubtful if (use & ~doubtful).sum() >= _FEWEST else use
     usual = _usual(rate[use], (expected / step)[use])
-    resolution = np.abs(moved[(moved != 0) & use])
-    grain = float(np.quantile(resolution, 0.01)) if len(resolution) else 0.0
+    grain = _grain(pos)
+    usual = max(usual, _ROUNDED * grain / float(np.median(step)))
     for name, stretches in zip(("pos", "v"), held, strict=True):
         frozen = np.zeros(len(time), bool)
         for i, j in stretches:
@@ -121,11 +124,16 @@ def _position_and_speed(
     bad &= ~near[1:]
     jump, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
     jumps: list[tuple[int, int, float]] = []
-    for i, j in runs(_closed(bad)):
+    apart = max(2, int(_ONE_FAULT_S / float(np.median(step))))
+    for i, j in runs(_closed(bad, apart)):
         if np.max(rough_pos[i : j + 1]) >= np.max(rough_v[i : j + 1]):
-            jumps.append((i + 1, j + 1, float(np.sum(gap[i : j + 1]))))
+            for way in (bad & (gap > 0), bad & (gap < 0)):
+                jumps += [
+                    (i + p + 1, i + q + 1, float(np.sum(gap[i + p : i + q + 1]))) for p, q in runs(way[i : j + 1])
+                ]
         elif np.median(step) <= _COARSE_S:
             spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _calm(v, i, j + 1)) > 0.5 * usual
+    jumps.sort()
     spike = np.zeros(len(time), bool)
     k = 0
     while k < len(jumps):
@@ -159,7 +167,7 @@ def _speed_and_acceleration(
         return
     apart = use & ~(_rows(held, len(time)) & (np.abs(off) > _FACTOR * _deviation(off[use])))
     apart = apart if apart.sum() >= _FEWEST else use
-    usual = _usual(off[apart], rate[apart])
+    usual = max(_usual(off[apart], rate[apart]), _ROUNDED * _grain(v) / float(np.median(np.diff(time))))
     frozen = np.zeros(len(time), bool)
     for i, j in held:
         inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))
@@ -169,7 +177,7 @@ def _speed_and_acceleration(
     rough_a, rough_rate = _spread(a), _spread(np.diff(np.nan_to_num(v), prepend=v[:1]) / np.median(np.diff(time)))
     bad = (np.abs(off) > usual + np.minimum(rough_a, rough_rate)) & use & ~frozen
     spike_a, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
-    for i, j in runs(_closed(bad)):
+    for i, j in runs(_closed(bad, 2)):
         if np.max(rough_a[i : j + 1]) >= np.max(rough_rate[i : j + 1]):
             spike_a[i : j + 1] |= np.abs(off[i : j + 1]) > 0.5 * usual
         elif not seen:
@@ -190,6 +198,13 @@ def _usual(difference: Float1D, signal: Float1D) -> float:
     """A size that the difference of two signals that belong together never reaches."""
     least = _NEGLIGIBLE * float(np.quantile(np.abs(signal), 0.999))
     return max(_FACTOR * _deviation(difference), _TAIL * float(np.quantile(np.abs(difference), 0.9)), least, 1e-9)
+
+
+def _grain(values: Float1D) -> float:
+    """The step that a signal is rounded to: the smallest change there is."""
+    steps = np.abs(np.diff(values[np.isfinite(values)]))
+    steps = steps[steps > 1e-7 * float(steps.max(initial=0.0))]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def _deviation(values: Float1D) -> float:
@@ -221,11 +236,13 @@ def _rows(stretches: list[tuple[int, int]], n: int) -> Bool1D:
     return out
 
 
-def _closed(bad: Bool1D) -> Bool1D:
-    """Gaps of one or two samples inside a fault belong to it."""
+def _closed(bad: Bool1D, apart: int) -> Bool1D:
+    """Gaps of a few samples inside a fault belong to it."""
     out = bad.copy()
-    for gap in (1, 2):
-        out[gap:-gap] |= bad[: -2 * gap] & bad[2 * gap :]
+    at = np.flatnonzero(bad)
+    for i, j in itertools.pairwise(at):
+        if j - i <= apart:
+            out[i:j] = True
     return out
 
 

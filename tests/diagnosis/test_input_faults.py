@@ -1,0 +1,128 @@
+"""Signals that cannot be true are found where they are, and nothing else is."""
+
+import numpy as np
+import pytest
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.faults import clipping, displaced, faulty, input_faults
+from pido.recordings import read_recording
+
+
+def axis_in_motion(rate: float, seed: int = 0, noise: float = 0.003, box: bool = False) -> Recording:
+    """One axis to and fro at changing feed with stops: exact, then sampled with noise; `box` averages each sample."""
+    fine = 2000
+    t = np.arange(0.0, 40.0, 1 / fine)
+    wanted = np.repeat(np.random.default_rng(seed).choice([-30.0, -8.0, -1.0, 0.0, 0.0, 1.0, 8.0, 30.0], 25), 3200)[
+        : len(t)
+    ]
+    kernel = np.hanning(402)[1:-1]
+    v = np.convolve(wanted, kernel / kernel.sum(), "same")
+    pos, a = 100 + np.cumsum(v) / fine, np.gradient(v, t)
+    m = int(fine / rate)
+    pick = (lambda s: s.reshape(-1, m).mean(axis=1)) if box else (lambda s: s[::m])
+    rng = np.random.default_rng(seed + 1)
+    n = len(pick(t))
+    columns = {
+        "time": pick(t) - pick(t)[0],
+        "pos_x": np.round(pick(pos), 3),
+        "v_x": pick(v) + rng.normal(0, noise, n),
+        "a_x": pick(a) + rng.normal(0, 30 * noise, n),
+        "v_sp": 6000.0 + rng.normal(0, 3.0, n),
+        "pos_sp": np.mod(np.cumsum(np.full(n, 6000.0 / rate)), 360.0),
+    }
+    return Recording(PartInfo(part="p", machine="m"), columns)
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.05])
+@pytest.mark.parametrize("box", [False, True])
+def test_a_true_recording_has_no_fault_however_fast_noisy_or_smoothed(rate, noise, box):
+    for seed in range(3):
+        assert input_faults(axis_in_motion(rate, seed, noise, box)) == {}
+
+
+def put(recording: Recording, column: str, rows: slice, values) -> Recording:
+    signal = recording[column].copy()
+    signal[rows] = values if np.isscalar(values) else signal[rows] + values
+    return recording.with_columns(**{column: signal})
+
+
+def moving(recording: Recording, rate: float) -> int:
+    """A sample in the middle of a change between two feeds."""
+    far = np.abs(recording["a_x"]) > 0.5 * np.abs(recording["a_x"]).max()
+    inside = np.flatnonzero(far & (recording.time > 5) & (recording.time < 35))
+    return int(inside[len(inside) // 2])
+
+
+@pytest.mark.parametrize("rate", [50.0, 500.0])
+@pytest.mark.parametrize(
+    ("column", "seconds", "change"),
+    [
+        ("pos_x", None, 1500.0),  # a counter reset
+        ("pos_x", None, -4.0),  # a small jump
+        ("pos_x", 0.0, 25.0),  # one wrong sample
+        ("pos_x", 1.5, "frozen"),
+        ("v_x", 0.0, 90.0),
+        ("v_x", 1.5, "frozen"),
+        ("v_x", 1.0, 25.0),  # off by a constant for a second
+        ("a_x", 0.0, 3000.0),
+        ("a_x", 1.5, "frozen"),
+    ],
+)
+def test_a_wrong_signal_is_found_where_it_is_wrong(rate, column, seconds, change):
+    clean = axis_in_motion(rate, seed=2)
+    i = moving(clean, rate)
+    j = len(clean) if seconds is None else i + 1 + int(seconds * rate)
+    values = float(clean[column][i]) if change == "frozen" else np.full(j - i, change)
+    found = input_faults(put(clean, column, slice(i, j), values))
+    assert column in found
+    assert set(found) <= {column, "a_x"}  # an acceleration beside a wrong speed is wrong as well
+    first = min(f.t_start for f in found[column])
+    assert first == pytest.approx(clean.time[i], abs=0.35 if change == "frozen" else 3 / rate)
+    last = max(f.t_end for f in found[column])
+    end = clean.time[-1] if seconds is None else clean.time[j - 1]
+    assert last <= end + 0.35
+
+
+def test_a_position_stays_lost_after_a_jump_but_its_differences_may_be_used():
+    clean = axis_in_motion(100.0, seed=2)
+    broken = put(clean, "pos_x", slice(2500, None), np.full(len(clean) - 2500, 800.0))
+    assert displaced(broken, "x")[2501:].all()
+    assert not displaced(broken, "x")[:2499].any()
+    assert faulty(broken, "x").sum() < 5
+
+
+def test_a_spindle_cannot_turn_back_for_a_moment():
+    clean = axis_in_motion(100.0)
+    found = input_faults(put(clean, "v_sp", slice(1000, 1004), -5000.0))
+    assert [f.t_start for f in found["v_sp"]] == [pytest.approx(10.0)]
+
+
+@pytest.mark.parametrize(("low", "high"), [(-1.5, 1.5), (-np.inf, 2.0), (-1.0, np.inf), (-1.2, 2.2)])
+def test_limits_of_a_current_are_read_exactly_on_each_side_that_has_one(low, high):
+    clean = axis_in_motion(100.0)
+    rng = np.random.default_rng(3)
+    current = 3 * np.sin(1.3 * clean.time) + rng.normal(0, 0.1, len(clean))
+    assert clipping(clean.with_columns(curr_x=current), "x") is None
+    assert clipping(clean.with_columns(curr_x=np.clip(current, low, high)), "x") == (low, high)
+
+
+def test_an_air_cut_of_a_real_machine_has_faults_in_the_spindle_only(real_data):
+    recording = read_recording(real_data / "kit_dmc60h" / "S235JR_part2_aircut_1.csv")
+    found = input_faults(recording)
+    assert set(found) <= {"v_sp", "a_sp"}
+    spikes = np.abs(recording["v_sp"]) > 1e6
+    assert 0 < spikes.sum() <= 24
+    marked = np.zeros(len(recording), bool)
+    for f in found["v_sp"]:
+        marked |= (recording.time >= f.t_start) & (recording.time <= f.t_end)
+    assert marked[spikes].all()
+    assert marked.sum() < 45
+
+
+@pytest.mark.parametrize(
+    "name", ["emps/DATA_EMPS.mat", *(f"umich_smart_mill/experiment_{k}.csv" for k in ("01", "06", "11", "14"))]
+)
+def test_real_recordings_without_faults_have_none(real_data, name):
+    assert input_faults(read_recording(real_data / name)) == {}
