@@ -1,0 +1,62 @@
+"""The three worked paths of the user guide, run as they are written."""
+
+import os
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+GUIDE = ROOT / "docs" / "guide"
+
+
+def blocks(page):
+    """(kind, name, text) of each fenced block, in order."""
+    return re.findall(r"^```(\w+) ?([\w./-]*)\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def follow(page, folder):
+    """Write the files that a page shows and run its commands, in order; what they print."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+    printed = {}
+    for kind, name, text in blocks(page):
+        if name:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
+        if kind != "console":
+            continue
+        for line in text.splitlines():
+            command = line.removeprefix("$ ")
+            done = subprocess.run(
+                ["bash", "-ec", command], cwd=folder, env=environment, capture_output=True, text=True, timeout=600
+            )
+            assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+            printed[command] = done.stdout
+    return printed
+
+
+def test_the_library_path_runs_and_finds_what_was_concealed(capsys):
+    runpy.run_path(str(GUIDE / "library.py"), run_name="__main__")
+    said = capsys.readouterr().out
+    axis = re.search(r"concealed was: (\w+) torque_ripple", said)[1]
+    assert re.search(rf"^{axis}\s+torque_ripple", said, re.MULTILINE)
+    before, after = map(float, re.search(rf"^{axis}: (\S+) -> (\S+) A", said, re.MULTILINE).groups())
+    assert after < 0.6 * before  # an effect of three times the noise is most of the error
+
+
+def test_the_command_line_path_runs_and_finds_what_was_concealed(tmp_path):
+    printed = follow(GUIDE / "command-line.md", tmp_path)
+    diagnosis = next(text for command, text in printed.items() if command.startswith("pido diagnose"))
+    assert re.search(r"^\w+\s+coolant_load\s", diagnosis, re.MULTILINE)
+    simulated = next(text for command, text in printed.items() if command.startswith("pido simulate"))
+    removed = float(re.search(r"removed mm3\s+(\S+)", simulated)[1])
+    assert removed == pytest.approx(100 * 10 * 2, rel=0.02)
+
+
+def test_the_plant_path_runs_and_the_approved_version_is_champion(tmp_path):
+    printed = follow(GUIDE / "plant.md", tmp_path)
+    assert "version   3  champion" in printed["pido status --workspace plant --history"]
+    assert "A. Ito" in printed["pido status --workspace plant --history"]
