@@ -131,8 +131,21 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), reg
 
 
 def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """Of textbook forms that fit equally well beside the other terms, the first."""
+    """Of textbook forms that fit equally well beside the other terms, the first.
+
+    What sgn(v) lacks of a presliding friction includes what it holds at standstill. Where the two have sizes of their
+    own, they are two findings.
+    """
     out = list(terms)
+    standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
+    if standing is not None and standing.name not in {t.name for t in out}:
+        for i, term in enumerate(out):
+            if term.mechanism.id == "presliding_hysteresis" and not term.gates:
+                turned = replace(term, shape=tuple({**dict(term.shape), "full": 0.0}.items()))
+                trial = [*out[:i], turned, *out[i + 1 :], standing]
+                if basis(library, noise, trial).bic < basis(library, noise, out).bic - LEAST_GAIN:
+                    out = trial
+                    break
     for i, term in enumerate(out):
         for p in term.mechanism.shape:
             if not p.is_choice:

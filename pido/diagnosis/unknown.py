@@ -24,7 +24,9 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 
-_TREES = dict(max_iter=60, learning_rate=0.15, max_leaf_nodes=10, min_samples_leaf=30, l2_regularization=5.0)
+_TREES: dict[str, Any] = dict(
+    max_iter=60, learning_rate=0.15, max_leaf_nodes=10, min_samples_leaf=30, l2_regularization=5.0
+)
 _MOST_ROWS = 8_000
 _FEWEST_ROWS = 200
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
