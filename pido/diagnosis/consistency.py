@@ -24,7 +24,7 @@ _REACH = 3  # samples to either side that a filter in the control may delay or b
 _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.05  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
 _FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
-_ROUNDED = 3.0  # steps of rounding that a difference of two samples, and the one beside it, may be off by
+_ROUNDED = 3.0  # steps of rounding that a change from sample to sample may be off by
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
 _ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
 _SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
@@ -101,7 +101,8 @@ def _position_and_speed(
     use = use & ~doubtful if (use & ~doubtful).sum() >= _FEWEST else use
     usual = _usual(rate[use], (expected / step)[use])
     grain = _grain(pos)
-    usual = max(usual, _ROUNDED * grain / float(np.median(step)))
+    rounding = _ROUNDED * _rounded_to(pos) / float(np.median(step))
+    usual = max(usual, _in_motion(rate, use & (moved != 0)), rounding)
     for name, stretches in zip(("pos", "v"), held, strict=True):
         frozen = np.zeros(len(time), bool)
         for i, j in stretches:
@@ -167,7 +168,7 @@ def _speed_and_acceleration(
         return
     apart = use & ~(_rows(held, len(time)) & (np.abs(off) > _FACTOR * _deviation(off[use])))
     apart = apart if apart.sum() >= _FEWEST else use
-    usual = max(_usual(off[apart], rate[apart]), _ROUNDED * _grain(v) / float(np.median(np.diff(time))))
+    usual = max(_usual(off[apart], rate[apart]), _in_motion(off, apart & (rate != 0)))
     frozen = np.zeros(len(time), bool)
     for i, j in held:
         inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))
@@ -200,8 +201,24 @@ def _usual(difference: Float1D, signal: Float1D) -> float:
     return max(_FACTOR * _deviation(difference), _TAIL * float(np.quantile(np.abs(difference), 0.9)), least, 1e-9)
 
 
+def _in_motion(difference: Float1D, rows: Bool1D) -> float:
+    """The same while the axis moves: where it stands, a rounded signal does not differ at all."""
+    return _FACTOR * _deviation(difference[rows]) if rows.sum() >= _FEWEST else 0.0
+
+
+def _rounded_to(values: Float1D) -> float:
+    """The step that a signal is rounded to: all its changes are multiples of it, of several sizes; 0 where none is."""
+    grain = _grain(values)
+    if grain == 0.0:
+        return 0.0
+    steps = np.abs(np.diff(values[np.isfinite(values)])) / grain
+    steps = steps[steps < 1e4]
+    sizes = np.round(steps)
+    return grain if np.mean(np.abs(steps - sizes) < 0.02) > 0.99 and len(np.unique(sizes)) >= 4 else 0.0
+
+
 def _grain(values: Float1D) -> float:
-    """The step that a signal is rounded to: the smallest change there is."""
+    """The smallest change there is."""
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     steps = steps[steps > 1e-7 * float(steps.max(initial=0.0))]
     return float(steps.min()) if len(steps) else 0.0
