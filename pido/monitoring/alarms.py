@@ -15,7 +15,8 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
-from pido.monitoring.band import Band, standardise
+from pido.monitoring.band import Band, scales, standardise
+from pido.monitoring.difficulty import features_of
 from pido.monitoring.residuals import PartResiduals, window_mean, window_samples
 
 
@@ -73,32 +74,47 @@ class Watch:
         self._band = band
         self._program = program
         self._width = window_samples(rate_hz, band.window_s)
-        self._last = {axis: deque[tuple[float, float]](maxlen=self._width) for axis in band.axes}
+        self._rate_hz = rate_hz
+        self._last = {axis: deque[tuple[float, Float1D | None]](maxlen=self._width) for axis in band.axes}
+        self._engaged = dict.fromkeys(band.axes, 0)
 
     def push(
-        self, residual: dict[str, float], tool: str, block: int, doubt: float | None = None
+        self,
+        residual: dict[str, float],
+        tool: str,
+        block: int,
+        states: dict[str, Float1D] | None = None,
     ) -> dict[str, tuple[float, float]]:
         """Axes that are outside the band at this sample, each with its window mean beyond the centre: in spreads, in A.
 
         residual : per axis, A; NaN (or an axis left out) starts its window afresh
-        doubt : distance of the sample from the training rows; None: the usual one
+        states : per axis (d + 2,), the sample's row of `difficulty.state`; None: every state counts as the usual one
         """
         outside = {}
         for axis, last in self._last.items():
             value = residual.get(axis, np.nan)
             if not math.isfinite(value):
                 last.clear()
+                self._engaged[axis] = 0
                 continue
-            last.append((value, math.nan if doubt is None else doubt))
+            self._engaged[axis] += 1
+            last.append((value, None if states is None else states[axis]))
             if len(last) < self._width:
                 continue
             # Summed anew: a running sum drifts over a shift, and a window is a few dozen numbers.
-            mean, away = (math.fsum(values) / self._width for values in zip(*last, strict=True))
-            low, high = self._band.limits(axis, tool, block, self._program, None if math.isnan(away) else away)
+            mean = math.fsum(v for v, _ in last) / self._width
+            low, high = self._band.limits(axis, tool, block, self._program, self._factor(axis))
             if not low <= mean <= high and math.isfinite(low):
                 beyond = mean - 0.5 * (low + high)
                 outside[axis] = (2 * self._band.threshold * beyond / (high - low), beyond)
         return outside
+
+    def _factor(self, axis: str) -> float:
+        difficulty = self._band.axes[axis].difficulty
+        states = [state for _, state in self._last[axis] if state is not None]
+        if difficulty is None or len(states) < self._width:
+            return 1.0
+        return float(difficulty(features_of(np.array(states), self._engaged[axis] / self._rate_hz))[0])
 
 
 def _runs(outside: Bool1D, join: int) -> list[slice]:
@@ -117,9 +133,7 @@ def _alarm(part: PartResiduals, axis: str, run: slice, z: Float1D, band: Band) -
     width = window_samples(part.rate_hz, band.window_s)
     worst = run.start + int(np.nanargmax(np.abs(z[run])))
     tool, block = str(part.tool[worst]), int(part.block[worst])
-    at = None if part.doubt is None else float(window_mean(part.doubt, width)[worst])
-    low, high = band.limits(axis, tool, block, part.program, at)
-    spread = (high - low) / (2 * band.threshold)
+    spread = scales(part, axis, band)[1][worst]
     first = max(0, run.start - width + 1)
     return Alarm(
         part=part.part,

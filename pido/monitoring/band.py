@@ -1,9 +1,9 @@
 """How far a window's mean residual may lie from nothing: honest from the first part on, narrower as parts are added.
 
 In:  residuals of good parts on which the model had not been trained.
-Out: a Band: per axis a factor by distance from the training rows, a centre and a spread for each tool (and NC block,
-     where that says more), shrunk towards the tool's and the axis' own where few windows were seen, and one threshold
-     in units of that spread.
+Out: a Band: per axis a factor by state (`pido.monitoring.difficulty`), a centre and a spread for each tool (and NC
+     block, where that says more), shrunk towards the tool's and the axis' own where few windows were seen, and one
+     threshold in units of that spread.
 
 The threshold is the level that the largest window of a part exceeds in `tolerate` of 100 good parts. Few parts cannot
 show such a level, so it is extrapolated: maxima over stretches of STRETCH_S are near to independent, and a generalised
@@ -16,16 +16,17 @@ of freedom.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from pido.core.arrays import Array1D, Float1D, Int1D
+from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
-from pido.monitoring.doubt import FLAT, Growth, growth
+from pido.monitoring.difficulty import Difficulty, learn_difficulty, window_features
 from pido.monitoring.residuals import WINDOW_S, PartResiduals, window_mean, window_samples
 
 STRETCH_S = 5.0
@@ -33,8 +34,10 @@ STRETCH_S = 5.0
 PRIOR_WINDOWS = 8.0
 """A block's own centre and spread weigh as much as the pooled ones once this many independent windows were seen."""
 PRIOR_PARTS = 3.0
-PRIOR_SPREAD = 0.15
+PRIOR_SPREAD = 0.25
 """Before parts were seen: their log spreads differ by this much, as if that had been found on PRIOR_PARTS parts."""
+FOLDS = 4
+"""Groups of parts that judge one another."""
 LONGEST_TAIL = 0.5
 """Shape of the Pareto tail above which a fit to few maxima is not believed."""
 MOST_PARTS = 20
@@ -58,7 +61,7 @@ class AxisBand:
     """levels: per place; a block not seen before falls back to its tool, a tool not seen before to the axis."""
 
     levels: dict[Place, Level]
-    growth: Growth = FLAT
+    difficulty: Difficulty | None = None
 
     def level(self, tool: str, block: int, program: str = "") -> Level:
         """The closest level that was learnt for this tool and NC block."""
@@ -77,16 +80,12 @@ class Band:
     window_s: float = WINDOW_S
     blocks: bool = False
 
-    def limits(
-        self, axis: str, tool: str, block: int, program: str = "", doubt: float | None = None
-    ) -> tuple[float, float]:
+    def limits(self, axis: str, tool: str, block: int, program: str = "", factor: float = 1.0) -> tuple[float, float]:
         """Lowest and highest window mean of the residual that passes, A; NaN where nothing can be said.
 
-        doubt : distance from the training rows; None: the usual one
+        factor : by which the residual is larger in this state than usual (`AxisBand.difficulty`)
         """
-        one = self.axes[axis]
-        level, reach = one.level(tool, block, program), self.threshold
-        factor = 1.0 if doubt is None else float(one.growth(np.array([doubt]))[0])
+        level, reach = self.axes[axis].level(tool, block, program), self.threshold
         return factor * (level.centre - reach * level.spread), factor * (level.centre + reach * level.spread)
 
 
@@ -98,17 +97,19 @@ class _Windows:
     tool: Array1D
     block: Int1D
     program: str
-    doubt: Float1D | None
+    features: Float2D | None
     width: int
     rate_hz: float
 
+    def part(self, which: slice) -> _Windows:
+        """Some of the windows."""
+        features = None if self.features is None else self.features[which]
+        tool, block = self.tool[which], self.block[which]
+        return _Windows(self.mean[which], tool, block, self.program, features, self.width, self.rate_hz)
+
     def side_by_side(self) -> _Windows:
         """Two per window width: nearly all that is to be known, at a fraction of the cost."""
-        step = max(1, self.width // 2)
-        doubt = None if self.doubt is None else self.doubt[::step]
-        return _Windows(
-            self.mean[::step], self.tool[::step], self.block[::step], self.program, doubt, step, self.rate_hz
-        )
+        return self.part(slice(None, None, max(1, self.width // 2)))
 
 
 def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float = WINDOW_S) -> Band:
@@ -136,17 +137,19 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
     if not windows:
         raise FitError("No axis has residuals over a whole window: record at least a few seconds without gaps.")
     chance = tolerate / 100.0
+    sizes = {axis: _difficulty(of_axis) for axis, of_axis in windows.items()}
+    splits = {axis: _splits(of_axis) for axis, of_axis in windows.items()}
     bands = []
     # Blocks with levels of their own pay where the same program comes again; other parts say whether that is so.
     for blocks in (False, True) if len(parts) > 1 else (False,):
-        axes = {axis: _fit(of_axis, blocks) for axis, of_axis in windows.items()}
-        threshold = _threshold(windows, axes, blocks, len(parts), chance)
+        axes = {axis: _fit(of_axis, blocks, sizes[axis]) for axis, of_axis in windows.items()}
+        threshold = _threshold(splits, blocks, len(parts), chance)
         bands.append(Band(axes, threshold, len(parts), tolerate, window_s, blocks))
     return min(bands, key=lambda band: _width(band, windows))
 
 
 def standardise(part: PartResiduals, axis: str, band: Band) -> Float1D:
-    """(n,): window means of the residual in spreads of their own place and distance; NaN where there is no whole
+    """(n,): window means of the residual in spreads of their own place and state; NaN where there is no whole
     window, or the part is too far from anything that was seen."""
     return _standardised(_windows(part, axis, band.window_s), band.axes[axis])
 
@@ -154,25 +157,50 @@ def standardise(part: PartResiduals, axis: str, band: Band) -> Float1D:
 def corridor(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D]:
     """(n,), (n,), A: lowest and highest current whose window mean would pass, around the prediction."""
     windows = _windows(part, axis, band.window_s)
-    centre, spread = _scales(windows, band.axes[axis])
+    centre, spread = scales(part, axis, band)
     said = window_mean(part.predicted[:, AXES.index(axis)], windows.width)
     return said + centre - band.threshold * spread, said + centre + band.threshold * spread
 
 
+def scales(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D]:
+    """(n,), (n,), A: centre and spread of the window that ends at each sample."""
+    return _scales(_windows(part, axis, band.window_s), band.axes[axis])
+
+
 def _windows(part: PartResiduals, axis: str, window_s: float) -> _Windows:
     width = window_samples(part.rate_hz, window_s)
-    doubt = None if part.doubt is None else window_mean(part.doubt, width)
     mean = window_mean(part.residual[:, AXES.index(axis)], width)
-    return _Windows(mean, part.tool.astype(str), part.block, part.program, doubt, width, part.rate_hz)
+    features = window_features(part, AXES.index(axis), width)
+    return _Windows(mean, part.tool.astype(str), part.block, part.program, features, width, part.rate_hz)
 
 
-def _fit(parts: Sequence[_Windows], blocks: bool) -> AxisBand:
+def _splits(parts: Sequence[_Windows]) -> list[tuple[Sequence[_Windows], list[_Windows], Difficulty | None]]:
+    """Judged windows, those that judge them, and the difficulty learnt from these: no part has a say in its own levels.
+    A single part is judged stretch by stretch."""
+    if len(parts) == 1:
+        edges = np.linspace(0, len(parts[0].mean), FOLDS + 1).astype(int)
+        parts = [parts[0].part(slice(a, b)) for a, b in itertools.pairwise(edges)]
+    count = min(FOLDS, len(parts))
+    found = []
+    for k in range(count):
+        judged = [w for j, w in enumerate(parts) if j % count == k]
+        others = [w for j, w in enumerate(parts) if j % count != k]
+        if any(np.isfinite(w.mean).any() for w in others):
+            found.append((judged, others, _difficulty(others)))
+    return found
+
+
+def _difficulty(parts: Sequence[_Windows]) -> Difficulty | None:
     few = [w.side_by_side() for w in parts]
-    curve = FLAT
-    if all(w.doubt is not None for w in few):
-        doubt = np.concatenate([w.doubt for w in few if w.doubt is not None])
-        curve = growth(doubt, np.abs(np.concatenate([w.mean for w in few])))
-    values = np.concatenate([w.mean / _factor(w, curve) for w in few])
+    features = [w.features for w in few if w.features is not None]
+    if len(features) < len(few):
+        return None
+    return learn_difficulty(np.vstack(features), np.abs(np.concatenate([w.mean for w in few])))
+
+
+def _fit(parts: Sequence[_Windows], blocks: bool, difficulty: Difficulty | None) -> AxisBand:
+    few = [w.side_by_side() for w in parts]
+    values = np.concatenate([w.mean / _factor(w, difficulty) for w in few])
     seen = np.isfinite(values)
     tools = np.concatenate([w.tool for w in few])[seen]
     names = np.concatenate([np.full(len(w.mean), w.program, object) for w in few])[seen]
@@ -192,11 +220,13 @@ def _fit(parts: Sequence[_Windows], blocks: bool) -> AxisBand:
             for number, one in zip(numbers, np.split(values[there][order], starts[1:]), strict=True):
                 if number >= 0:
                     levels[(str(tool), str(program), int(number))] = _shrunk(one, 0.5 * len(one), of_tool)
-    return AxisBand(levels, curve)
+    return AxisBand(levels, difficulty)
 
 
-def _factor(windows: _Windows, curve: Growth) -> Float1D:
-    return np.ones_like(windows.mean) if windows.doubt is None else curve(windows.doubt)
+def _factor(windows: _Windows, difficulty: Difficulty | None) -> Float1D:
+    if difficulty is None or windows.features is None:
+        return np.ones_like(windows.mean)
+    return difficulty(windows.features)
 
 
 def _robust(values: Float1D) -> Level:
@@ -222,7 +252,7 @@ def _scales(windows: _Windows, axis: AxisBand) -> tuple[Float1D, Float1D]:
     pairs, which = np.unique(np.column_stack([tool_code, windows.block]), axis=0, return_inverse=True)
     found = [axis.level(str(tools[t]), int(b), windows.program) for t, b in pairs]
     centre, spread = np.array([(level.centre, level.spread) for level in found]).reshape(-1, 2).T
-    factor = _factor(windows, axis.growth)
+    factor = _factor(windows, axis.difficulty)
     return centre[which.ravel()] * factor, spread[which.ravel()] * factor
 
 
@@ -242,29 +272,34 @@ def _width(band: Band, windows: dict[str, list[_Windows]]) -> float:
 
 
 def _threshold(
-    windows: dict[str, list[_Windows]], axes: dict[str, AxisBand], blocks: bool, parts: int, chance: float
+    splits: dict[str, list[tuple[Sequence[_Windows], list[_Windows], Difficulty | None]]],
+    blocks: bool,
+    parts: int,
+    chance: float,
 ) -> float:
     """In spreads: what the largest window of a part, over all axes, exceeds with this chance."""
     maxima: list[float] = []
     log_spreads: list[float] = []
-    for axis, of_axis in windows.items():
-        for k, part in enumerate(of_axis):
-            # A part may not have had a say in its own levels: with others at hand, they judge it.
-            others = [w for j, w in enumerate(of_axis) if j != k]
-            z = np.abs(_standardised(part, _fit(others, blocks) if others else axes[axis]))
-            stretch = max(1, round(part.rate_hz * STRETCH_S))
-            pieces = np.array_split(z, max(1, len(z) // stretch))
-            own = [float(np.nanmax(piece)) for piece in pieces if np.isfinite(piece).any()]
-            maxima += own
-            if own:
-                log_spreads.append(float(np.log(max(np.median(own), 1e-9))))
+    for of_axis in splits.values():
+        for judged, others, difficulty in of_axis:
+            fitted = _fit(others, blocks, difficulty)
+            for part in judged:
+                z = np.abs(_standardised(part, fitted))
+                stretch = max(1, round(part.rate_hz * STRETCH_S))
+                pieces = np.array_split(z, max(1, len(z) // stretch))
+                own = [float(np.nanmax(piece)) for piece in pieces if np.isfinite(piece).any()]
+                maxima += own
+                if own:
+                    log_spreads.append(float(np.log(max(np.median(own), 1e-9))))
+    if not maxima:
+        raise FitError("The residuals are too short to learn a band from: record at least a minute of a good part.")
     level = np.sqrt(_exceeded_with(np.array(maxima) ** 2, 1.0 - (1.0 - chance) ** (parts / len(maxima))))
     # How much wider the next part may be than those seen: one in ten is wider than this. Student's t, because the
     # spread between parts is itself estimated from few.
     known = len(log_spreads) - 1
     squares = float(np.var(log_spreads) * len(log_spreads))
     between = np.sqrt((squares + PRIOR_PARTS * PRIOR_SPREAD**2) / (known + PRIOR_PARTS))
-    wider = stats.t.ppf(0.9, df=known + PRIOR_PARTS) * between * np.sqrt(1.0 / parts)
+    wider = stats.t.ppf(0.9, df=known + PRIOR_PARTS) * between * np.sqrt(1.0 + 1.0 / parts)
     return float(level * np.exp(wider))
 
 

@@ -31,9 +31,8 @@ class PartResiduals:
     predicted: Float2D
     tool: Array1D  # (n,), identifier of the tool in the spindle, '' where unknown
     block: Int1D  # (n,), index of the NC block, -1 where unknown
-    doubt: Float1D | None = (
-        None  # (n,), –, distance from the training rows, 0 where they are; None: the same everywhere
-    )
+    doubt: Float1D | None = None  # (n,), –, distance from the training rows; None: the same everywhere
+    inputs: Float2D | None = None  # (n, d), what the model was given; None: the residual is as large in every state
     program: str = ""  # blocks of two parts are the same block only under the same program
 
     def __post_init__(self) -> None:

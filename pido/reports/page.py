@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.embed import components
+from bokeh.models import Legend
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader
@@ -62,8 +63,10 @@ class Page:
 
 
 def render(page: Page) -> str:
-    """The page as HTML."""
+    """The page as HTML. Legends move above their plots, where they hide no line; a click on an entry hides its line."""
     plots = [plot for section in page.sections for plot in section.figures]
+    for plot in plots:
+        _legend_above(plot)
     script, divs = components(plots) if plots else ("", ())
     queue = iter(divs)
     embedded = [[Markup(next(queue)) for _ in section.figures] for section in page.sections]
@@ -131,6 +134,16 @@ def number(value: float, digits: int = 3) -> str:
     if value is None or not np.isfinite(value):
         return "–"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.{digits}g}"
+
+
+def _legend_above(plot: figure) -> None:
+    for legend in [one for one in plot.center if isinstance(one, Legend)]:
+        plot.add_layout(legend, "above")
+        legend.update(
+            orientation="horizontal", click_policy="hide", border_line_color=None, background_fill_alpha=0.0,
+            padding=0, margin=2, spacing=12, label_text_font_size="12px", label_height=14, glyph_height=14,
+            ncols="auto",
+        )  # fmt: skip
 
 
 def _environment() -> Environment:

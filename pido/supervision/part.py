@@ -124,7 +124,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
     else:
         inputs = model_inputs(samples, expect.models.inputs)
         doubt = expect.distance(inputs)
-        residuals, rows = on_the_clock(digest, recording, samples, expect.models.predict_inputs(inputs), doubt)
+        residuals, rows = on_the_clock(digest, recording, samples, inputs, expect.models.predict_inputs(inputs), doubt)
     band = expect.band(tolerate, without=digest)
     verdict = judge(residuals, band)
     signals = {name: samples.inputs[:, i] for i, name in enumerate(INPUTS)}

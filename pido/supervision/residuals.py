@@ -35,19 +35,28 @@ from pido.tracking.ledger import Iteration, Ledger
 from pido.workspace import Workspace
 
 log = logging.getLogger(__name__)
+_INPUT = "input_"
 STRETCHES = 6
+FEW = 4
 
 
 def known_residuals(workspace: Workspace, machine: str, without: str = "") -> list[PartResiduals]:
     """Held-out residuals of the machine's parts in production order; `part` is the digest.
 
     without : digest of a part to leave out, because it is the one to be judged
-    A part whose run files are gone is left out, and the log says so.
+    Up to FEW parts are predicted anew, each by models of all others: what was said of them when they came was said by
+    models of one or two parts, and would make the band far too wide for the models of now. Of more parts, those count
+    whose models had seen at least half as many parts as the models of now. A part whose run files are gone is left
+    out, and the log says so.
     """
     last = {i.part: i for i in Ledger(workspace.ledger).iterations(machine)}
     order = [e.digest for e in Store(workspace.store).entries(machine) if e.digest in last and e.digest != without]
-    found = [_kept(workspace, last[digest]) for digest in order]
-    return [one for one in found if one is not None]
+    if 1 < len(order) <= FEW:
+        return _each_by_the_others(workspace, machine, order)
+    found = [
+        one for digest in order[len(order) // 2 if len(order) > FEW else 0 :] if (one := _kept(workspace, last[digest]))
+    ]
+    return found
 
 
 def held_out(workspace: Workspace, machine: str, digest: str) -> PartResiduals | None:
@@ -62,7 +71,7 @@ def support(workspace: Workspace, digests: Sequence[str], recipe: Recipe) -> Sup
 
 
 def on_the_clock(
-    part: str, recording: Recording, samples: Samples, predicted: Float2D, doubt: Float1D
+    part: str, recording: Recording, samples: Samples, inputs: Float2D, predicted: Float2D, doubt: Float1D
 ) -> tuple[PartResiduals, Int1D]:
     """Residuals at even times, and where on them each row lies (n,).
 
@@ -79,10 +88,29 @@ def on_the_clock(
     nearest = np.searchsorted(place, np.arange(n), side="right") - 1
     rows = place[samples.row]
     residual, said, away = np.full((n, len(AXES)), np.nan), np.full((n, len(AXES)), np.nan), np.full(n, np.nan)
-    residual[rows], said[rows], away[rows] = samples.currents - predicted, predicted, doubt
+    given = np.full((n, inputs.shape[1]), np.nan)
+    residual[rows], said[rows], away[rows], given[rows] = samples.currents - predicted, predicted, doubt, inputs
     tool, block = _tool(recording)[nearest], _block(recording)[nearest]
     program = recording.part.program or ""
-    return PartResiduals(part, clock, residual, said, tool, block, away, program), rows
+    return PartResiduals(part, clock, residual, said, tool, block, away, given, program), rows
+
+
+def _each_by_the_others(workspace: Workspace, machine: str, order: Sequence[str]) -> list[PartResiduals]:
+    recipe = recipe_of(workspace)
+    key = workspace.run_key(machine, list(order))[:24]
+    paths = {digest: workspace.derived / f"residuals-{key}-{digest[:12]}.parquet" for digest in order}
+    if not all(path.exists() for path in paths.values()):
+        samples = {digest: samples_of(workspace, digest) for digest in order}
+        for digest in order:
+            others = [d for d in order if d != digest]
+            rest, mine = Samples.concat([samples[d] for d in others]), model_inputs(samples[digest], recipe.inputs)
+            seed = workspace.settings.seed
+            models = AxisModels.fit(rest, choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
+            doubt = support(workspace, others, recipe).distance(mine)
+            recording = at_rate(workspace, _bare(Store(workspace.store).load(digest)))
+            said = models.predict_inputs(mine)
+            _save(on_the_clock(digest, recording, samples[digest], mine, said, doubt)[0], paths[digest])
+    return [_load(digest, path) for digest, path in paths.items()]
 
 
 def _kept(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
@@ -104,17 +132,18 @@ def _make(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
     files = report_files.load(workspace.runs, iteration.run_key)
     recipe = recipe_of(workspace)
     samples = samples_of(workspace, digest)
+    columns = model_inputs(samples, recipe.inputs)
     before = [d for d in files.summary["parts"] if d != digest]
     if before and len(files.trace) == len(samples) and f"both_{AXES[0]}" in files.trace:
         predicted = files.trace[[f"both_{axis}" for axis in AXES]].to_numpy(float)
-        doubt = support(workspace, before, recipe).distance(model_inputs(samples, recipe.inputs))
+        doubt = support(workspace, before, recipe).distance(columns)
     elif before:
         log.warning("%s: what was expected of it was kept for other rows; the band does without it", digest[:12])
         return None
     else:
         predicted, doubt = in_stretches(samples, recipe, workspace.settings.seed)
     stored = Store(workspace.store).load(digest)
-    return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, predicted, doubt)[0]
+    return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, columns, predicted, doubt)[0]
 
 
 def in_stretches(samples: Samples, recipe: Recipe, seed: int) -> tuple[Float2D, Float1D]:
@@ -163,7 +192,10 @@ def _save(part: PartResiduals, path: Path) -> None:
     columns: dict[str, Array1D] = {"time": part.time, "tool": part.tool.astype(str), "block": part.block}
     columns |= {f"residual_{axis}": part.residual[:, i] for i, axis in enumerate(AXES)}
     columns |= {f"predicted_{axis}": part.predicted[:, i] for i, axis in enumerate(AXES)}
-    table = pd.DataFrame(columns).assign(doubt=part.doubt)
+    columns |= {"doubt": np.zeros(len(part.time)) if part.doubt is None else part.doubt}
+    if part.inputs is not None:
+        columns |= {f"{_INPUT}{k}": values for k, values in enumerate(part.inputs.T)}
+    table = pd.DataFrame(columns)
     table.attrs = {"program": part.program}
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
@@ -185,6 +217,8 @@ def _load(part: str, path: Path) -> PartResiduals:
         table["block"].to_numpy(np.int64),
         table["doubt"].to_numpy(float),
     )
+    given = [name for name in table.columns if name.startswith(_INPUT)]
     return PartResiduals(
-        part, table["time"].to_numpy(float), residual, predicted, tool, block, doubt, table.attrs["program"]
-    )
+        part, table["time"].to_numpy(float), residual, predicted, tool, block, doubt,
+        np.ascontiguousarray(table[given].to_numpy(float)), table.attrs["program"],
+    )  # fmt: skip

@@ -32,6 +32,7 @@ from pido.core.samples import Samples
 from pido.models.inputs import model_inputs
 from pido.monitoring.alarms import Alarm, Watch
 from pido.monitoring.band import Band
+from pido.monitoring.difficulty import state
 from pido.monitoring.forest import quick
 from pido.monitoring.likeness import looks_like
 from pido.parts import machine_of, recipe_of
@@ -49,6 +50,7 @@ FIRST_ROWS = 50
 """Rows from which the file's rate is read."""
 REMEMBERED_S = 20.0
 """What an alarm is compared with signals over, at most."""
+Prediction = Callable[[Samples], tuple[Float2D, Float1D, Float2D]]
 _PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")
 
 
@@ -59,12 +61,12 @@ class Stream:
         self,
         part: str,
         machine: Machine,
-        predict: Callable[[Samples], tuple[Float2D, Float1D]],
+        predict: Prediction,
         band: Band,
         rate_hz: float,
         air_cut: bool = False,
     ) -> None:
-        """predict : rows to currents (n, 4), A, and their distance (n,) from the training rows"""
+        """predict : rows to currents (n, 4), A, their distance (n,) from the training rows, and model inputs (n, d)"""
         self._part, self._machine, self._predict, self._band = part, machine, predict, band
         self._watch = Watch(band, rate_hz)
         # Its content is not known before it has ended; the part that is taken in later has the same name.
@@ -84,7 +86,8 @@ class Stream:
         """
         recording = Recording(PartInfo(part=self._part, machine=self._machine.id), columns)
         samples = self._rows(recording)
-        said, doubt = self._predict(samples)
+        said, doubt, inputs = self._predict(samples)
+        states = {axis: state(doubt, inputs, said[:, i]) for i, axis in enumerate(AXES)}
         residual = samples.currents - said
         judged = np.full(len(recording), self._air_cut) if self._air_cut else engaged(recording, self._machine)
         judged &= np.isfinite(samples.inputs).all(axis=1)
@@ -99,7 +102,7 @@ class Stream:
             self._last = now
             self._past.append((now, samples.inputs[k], residual[k]))
             values: dict[str, float] = dict(zip(AXES, residual[k].tolist(), strict=True))
-            outside = self._watch.push(values, tool, block, float(doubt[k]))
+            outside = self._watch.push(values, tool, block, {axis: of[k] for axis, of in states.items()})
             yield from self._changes(now, outside, tool, block)
 
     def end(self) -> None:
@@ -192,12 +195,12 @@ def follow_file(
     yield {"kind": "end", "part": path.stem, "good": not alarms, "samples": stream.samples, "alarms": alarms}
 
 
-def _quick_prediction(workspace: Workspace, expect: Expectation) -> Callable[[Samples], tuple[Float2D, Float1D]]:
+def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
     near = support(workspace, expect.bundle.content["parts"], recipe_of(workspace))
     by_axis = {axis: quick(model) for axis, model in expect.models.models.items()}
     kind = expect.models.inputs
 
-    def predict(samples: Samples) -> tuple[Float2D, Float1D]:
+    def predict(samples: Samples) -> tuple[Float2D, Float1D, Float2D]:
         columns = model_inputs(samples, kind)
         usable = np.isfinite(columns).all(axis=1)
         out, doubt = np.full((len(columns), len(AXES)), np.nan), np.full(len(columns), np.nan)
@@ -205,7 +208,7 @@ def _quick_prediction(workspace: Workspace, expect: Expectation) -> Callable[[Sa
             if axis in by_axis and usable.any():
                 out[usable, i] = by_axis[axis](columns[usable])
         doubt[usable] = near.distance(columns[usable])
-        return out, doubt
+        return out, doubt, columns
 
     return predict
 

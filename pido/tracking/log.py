@@ -20,6 +20,8 @@ import pandas as pd
 
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT
+from pido.reports.iteration import iteration_page
+from pido.reports.page import write_page
 from pido.tracking import model_files, report_files
 from pido.tracking.bundle import Bundle, load
 from pido.tracking.figures import figures, markdown, table
@@ -117,6 +119,11 @@ def _write(
             pd.DataFrame(table(summary["metrics"])).to_csv(Path(folder) / "errors.csv", index=False)
             (Path(folder) / "summary.json").write_text(json.dumps(summary, indent=1, sort_keys=True))
             mlflow.log_artifacts(folder, "iteration")
+        with tempfile.TemporaryDirectory() as folder:
+            done = Ledger(workspace.ledger).iterations(iteration.machine)
+            earlier = [one.summary for one in done if one.version <= iteration.version]
+            write_page(iteration_page(files, iteration.version, earlier), Path(folder) / "index.html")
+            mlflow.log_artifacts(folder, "report")
         # Models before metrics: MLflow reads the history of every metric of the run again for each model it logs.
         _register(store, run_id, iteration, bundle)
         mlflow.log_metrics(_metrics(summary))

@@ -1,0 +1,119 @@
+"""`pido report`: pages for people, one self-contained HTML file each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pido.cli.places import existing, machine_option, one_machine, workspace_option
+
+out_option = click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="HTML file")
+
+
+@click.group()
+def command() -> None:
+    """Write the page of an iteration, a plan, a monitored part or an experiment: one file that opens offline.
+
+    \b
+    pido report iteration --workspace plant --out iteration.html
+    pido report monitor p07 --workspace plant --out p07.html
+    """
+
+
+@command.command()
+@click.option("--version", type=int, help="of the models; the newest where it is left out")
+@workspace_option
+@machine_option
+@out_option
+def iteration(version: int | None, folder: Path, machine: str | None, out: Path) -> None:
+    """Did the models get better, where were data missing, what was generated, and what does the gate say.
+
+    \b
+    pido report iteration --workspace plant --version 7 --out iteration.html
+    """
+    from pido.core.errors import RegistryError
+    from pido.reports.iteration import iteration_page
+    from pido.reports.page import write_page
+    from pido.tracking import report_files
+    from pido.tracking.ledger import Ledger
+
+    workspace = existing(folder)
+    machine = one_machine(workspace, machine)
+    done = Ledger(workspace.ledger).iterations(machine)
+    chosen = [one for one in done if version is None or one.version == version]
+    if not chosen:
+        known = ", ".join(str(one.version) for one in done)
+        raise RegistryError(f"{machine} has no version {version}. Versions: {known or 'none yet'}.")
+    files = report_files.load(workspace.runs, chosen[-1].run_key)
+    earlier = [one.summary for one in done[: done.index(chosen[-1]) + 1]]
+    write_page(iteration_page(files, chosen[-1].version, earlier), out)
+    click.echo(out)
+
+
+@command.command()
+@click.argument("part")
+@workspace_option
+@click.option("--machine", default=None, help="machine of a recording that does not name its own")
+@click.option("--tolerate", type=click.FloatRange(0, 100, min_open=True, max_open=True), default=1.0, show_default=True,
+              help="false alarms per 100 good parts, all axes together")  # fmt: skip
+@out_option
+def monitor(part: str, folder: Path, machine: str | None, tolerate: float, out: Path) -> None:
+    """Recorded and expected currents of PART, the band and the alarms. PART as in `pido monitor`.
+
+    \b
+    pido report monitor parts/p07 --workspace plant --out p07.html
+    """
+    from pido.reports.monitor import monitor_page
+    from pido.reports.page import write_page
+    from pido.supervision.part import monitor as judge
+
+    write_page(monitor_page(judge(existing(folder), part, machine=machine, tolerate=tolerate)), out)
+    click.echo(out)
+
+
+@command.command()
+@click.argument("plan", type=click.Path(exists=True, path_type=Path))
+@out_option
+def plan(plan: Path, out: Path) -> None:
+    """The page of a plan that was made before: PLAN is its plan.json, or the folder that holds it.
+
+    \b
+    pido report plan plan/plan.json --out plan.html
+    """
+    import json
+
+    from pido.core.errors import SettingsError
+    from pido.reports.page import write_page
+    from pido.reports.plan import plan_page
+
+    file = plan / "plan.json" if plan.is_dir() else plan
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        rows, part = content.pop("bins"), str(content.pop("part"))
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        raise SettingsError(
+            f"{file}: not a plan ({error!r}). `pido plan PROGRAM --out FOLDER` writes plan.json."
+        ) from None
+    write_page(plan_page(part, rows, "", content), out)
+    click.echo(out)
+
+
+@command.command()
+@click.argument("result", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@out_option
+def experiment(result: Path, out: Path) -> None:
+    """The page of an experiment that was run before: RESULT is the folder that `pido experiment` wrote.
+
+    \b
+    pido report experiment experiments/local-vs-global --out local-vs-global.html
+    """
+    from pido.core.errors import SettingsError
+    from pido.workspace import write_atomically
+
+    pages = sorted(result.rglob("report.html"))
+    if len(pages) != 1:
+        found = ", ".join(str(page.parent) for page in pages) or "none"
+        raise SettingsError(f"{result}: must hold one experiment's report.html; found: {found}.")
+    write_atomically(out.absolute(), pages[0].read_bytes())
+    click.echo(out)
