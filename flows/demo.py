@@ -1,13 +1,16 @@
 """`make demo`: parts arrive one by one, each goes through the flow on a local Prefect server, the gain is shown.
 
-In:  a folder of recordings (`--data`), or nothing: then parts of a made-up machine.
-Out: a workspace with store, models and MLflow's runs; a table of what each iteration gained per axis; how to look.
+In:  a folder of recordings (`--data`), or nothing: then twelve parts of the virtual mill, one of them with something
+     concealed in it.
+Out: a workspace with store, models and MLflow's runs; a table of what each iteration gained per axis; a diagnosis of
+     the part that differs most from its simulation, where parts come with one; how to look.
 
 It ends by itself and leaves no process behind.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import shutil
@@ -18,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from tqdm import tqdm
 
 from flows.server import prefect_server
@@ -32,9 +36,10 @@ SOURCES = (".csv", ".json", ".parquet", ".mat")
 @click.option("--data", type=click.Path(exists=True, file_okay=False, path_type=Path), help="folder of recordings")
 @click.option("--machine", help="machine of recordings that do not name theirs")
 @click.option("--job", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="what is cut with what")
-@click.option("--parts", "count", default=6, show_default=True, help="parts of the made-up machine, without --data")
+@click.option("--parts", "count", default=12, show_default=True, help="parts of the virtual mill, without --data")
+@click.option("--seed", default=0, show_default=True, help="of the virtual mill's parts")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
-def main(data: Path | None, machine: str | None, job: Path | None, count: int, out: Path) -> None:
+def main(data: Path | None, machine: str | None, job: Path | None, count: int, seed: int, out: Path) -> None:
     """Parts through the pipeline, one after another, on a local Prefect server.
 
     \b
@@ -47,14 +52,18 @@ def main(data: Path | None, machine: str | None, job: Path | None, count: int, o
     os.environ["PREFECT_LOGGING_EXTRA_LOGGERS"] = ""
     shutil.rmtree(out, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix="pido-demo-") as folder:
-        sources = _recordings(data) if data else _made_up(Path(folder), count)
+        sources = _recordings(data) if data else _made_up(Path(folder), count, seed)
         machine, job = machine or _machine_of(sources[0]), job
         workspace = _workspace(out, machine, job, air=data is not None)
         click.echo(f"{len(sources)} part(s) of {machine}; starting a Prefect server", err=True)
         with prefect_server(out.absolute() / "prefect") as api:
             click.echo(f"Prefect's pages while this runs: {api.removesuffix('/api')}", err=True)
             outcomes, rejected = _arrivals(workspace, sources, machine)
-    _show(outcomes, rejected)
+        _show(outcomes, rejected)
+        odd = _most_different(sources)
+        if odd is not None:
+            _diagnose(odd, out.absolute() / "diagnosis")
+            _unseal(Path(folder))
     _how_to_look(out.absolute(), time.perf_counter() - start)
     if not outcomes:
         raise PidoError("no part could be used; the reasons stand above.")
@@ -78,12 +87,13 @@ def _recordings(data: Path) -> list[Path]:
     return found
 
 
-def _made_up(folder: Path, count: int) -> list[Path]:
-    from flows.demo_parts import parts
-    from pido.recordings.folder import write_folder
+def _made_up(folder: Path, count: int, seed: int) -> list[Path]:
+    from flows.demo_parts import deliver
 
-    click.echo("no --data: parts of a plain made-up machine, which says nothing about a real one", err=True)
-    return [write_folder(part, folder / part.part.part) for part in parts(count)]
+    click.echo(
+        f"no --data: {count} parts of the virtual mill; one of them holds something its simulation lacks", err=True
+    )
+    return deliver(folder, count, seed).parts
 
 
 def _machine_of(path: Path) -> str:
@@ -169,6 +179,47 @@ def _show(outcomes: list[dict[str, Any]], rejected: list[str]) -> None:
             )
     if outcomes:
         click.echo(f"\ngate of version {outcomes[-1]['version']}: {outcomes[-1]['gate']['words']}")
+
+
+def _most_different(sources: list[Path]) -> Path | None:
+    """The part whose recording differs most from its own simulation, beside the other parts on the same axis."""
+    from pido.core.columns import CURRENT, CURRENT_SIM
+    from pido.recordings import read_recording
+
+    recordings = [read_recording(source) for source in sources]
+    if len(sources) < 2 or not all(CURRENT_SIM[axis] in r for r in recordings for axis in AXES):
+        return None
+    difference = np.array(
+        [[np.sqrt(np.nanmean((r[CURRENT[a]] - r[CURRENT_SIM[a]]) ** 2)) for a in AXES] for r in recordings]
+    )
+    beside_others = difference / np.median(difference, axis=0)
+    return sources[int(np.argmax(beside_others.max(axis=1)))]
+
+
+def _diagnose(part: Path, out: Path) -> None:
+    from pido.cli.diagnose import summary
+    from pido.diagnosis import contract
+    from pido.diagnosis.diagnose import diagnose
+    from pido.recordings import read_recording
+    from pido.reports.diagnosis import diagnosis_page
+    from pido.reports.page import write_page
+
+    click.echo(f"\n{part.name} differs most from its simulation. Diagnosis of this part:")
+    recording = read_recording(part)
+    found = diagnose([recording])
+    contract.write(found, out)
+    write_page(diagnosis_page(found, [recording]), out / "report.html")
+    for line in summary(found):
+        click.echo(f"  {line}")
+    click.echo(f"  the page: {out / 'report.html'}")
+
+
+def _unseal(folder: Path) -> None:
+    """Only now: what was concealed."""
+    sealed = folder / "sealed.json"
+    if sealed.exists():
+        truth = json.loads(sealed.read_text(encoding="utf-8"))
+        click.echo(f"  the truth, sealed until here: {truth['part']}, axis {truth['axis']}, {truth['mechanism']}")
 
 
 def _gain(before: float, after: float) -> str:

@@ -1,92 +1,46 @@
-"""Parts of a plain made-up machine, for a demo without recordings: contours on one plane, textbook currents.
+"""Parts for a demo without recordings: impellers of the virtual mill, one of them with something concealed in it.
 
-In:  how many parts, a seed. Out: part folders' content (`Recording`), 50 Hz, in the contract's columns.
-
-    I_axis = I_c sgn(v) + b v + m a + k F + offset + noise        I_sp = I_0 + c omega + k M + noise
-
-sgn(v) is that of the last motion. Each part takes other directions and feeds than the one before, so that its bins are
-partly new. The machine is simple on purpose, and says nothing about a real one.
+In:  how many parts, a seed, a folder. Out: part folders as a plant would deliver them, and a sealed file with the truth
+that no reader of recordings opens.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from pido.core.columns import FORCE_SIM
-from pido.core.part import PartInfo
-from pido.core.recording import Recording
+from pido.synthetic.effects import Effect
+from pido.synthetic.equip import equip
+from pido.synthetic.families import impellers
+from pido.synthetic.machine import produce
+from pido.synthetic.mills import newer_vertical
+from pido.synthetic.write import write_part
 
-RATE_HZ = 50.0
-_SPINDLE_DEG_S = 22_800.0
-_I_C, _B, _M, _K = (0.8, 0.6, 0.4), (0.02, 0.03, 0.01), (2e-3, 3e-3, 4e-3), (4e-3, 4e-3, 2e-3)
-_NOISE_A = 0.05
-
-
-def parts(count: int, seed: int = 0, machine: str = "cmx600v") -> Iterator[Recording]:
-    """`count` parts of one machine, in production order."""
-    for number in range(1, count + 1):
-        rng = np.random.default_rng([seed, number])
-        yield _recording(number, rng, machine)
+CONCEALED = Effect("load_dependent_friction", "x", strength=3.0)
+"""A guideway whose lubrication fails under load: the simulation knows nothing of it."""
 
 
-def _recording(number: int, rng: np.random.Generator, machine: str) -> Recording:
-    position, feed = _path(number, rng)
-    n = len(position)
-    dt = 1.0 / RATE_HZ
-    v = np.gradient(position, dt, axis=0)
-    a = np.gradient(v, dt, axis=0)
-    depth, width = 2.0 + number % 3, 4.0  # mm
-    speed = np.linalg.norm(v[:, :2], axis=1)
-    mrr = depth * width * speed * (np.abs(v[:, 2]) < 0.5)
-    force = 600.0 * depth * (np.maximum(speed, 1e-9) / feed) ** 0.75 * (mrr > 0)  # N, Kienzle's exponent 1 - z
-    along = v[:, :2] / np.maximum(speed, 1e-9)[:, None]
-    f = np.column_stack([-force * along[:, 0], -force * along[:, 1], 0.3 * force])
-    torque = force * 0.005  # N·m at a radius of 5 mm
-    held = np.column_stack([_last_direction(v[:, i]) for i in range(3)])
-    current = held * _I_C + v * _B + a * _M - f * _K + np.array([0.1, -0.2, 1.5])
-    spindle = 0.5 + 2e-5 * _SPINDLE_DEG_S + 0.8 * torque
-    columns = {"time": np.arange(n) * dt}
-    for i, axis in enumerate("xyz"):
-        columns[f"pos_{axis}"], columns[f"v_{axis}"], columns[f"a_{axis}"] = position[:, i], v[:, i], a[:, i]
-        columns[f"curr_{axis}"] = current[:, i] + rng.normal(0, _NOISE_A, n)
-        columns[FORCE_SIM[axis]] = f[:, i]
-    columns |= {
-        "pos_sp": np.cumsum(np.full(n, _SPINDLE_DEG_S * dt)),
-        "v_sp": np.full(n, _SPINDLE_DEG_S),
-        "a_sp": np.zeros(n),
-        "curr_sp": spindle + rng.normal(0, _NOISE_A, n),
-        "f_sp_sim": force,
-        "m_sp_sim": torque,
-        "mrr_sim": mrr,
-        "nc_line": np.floor(np.arange(n) / n * 12),
-    }
-    info = PartInfo(part=f"demo-{number:02d}", machine=machine, order=number, start_time_s=400.0 * number)
-    return Recording(info, columns)
+@dataclass(frozen=True)
+class Delivery:
+    """Part folders in production order, and where the truth about one of them is sealed."""
+
+    parts: list[Path]
+    sealed: Path
 
 
-def _path(number: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """(n, 3) positions along a closed contour of straight legs and a circle, and its feed in mm/s."""
-    feed = float(rng.uniform(4.0, 9.0))
-    corners = 3 + number % 4
-    turn = rng.uniform(0, 2 * np.pi)
-    angle = turn + np.linspace(0, 2 * np.pi, corners + 1)
-    outline = 25.0 * np.column_stack([np.cos(angle), np.sin(angle)])
-    circle = np.linspace(0, 2 * np.pi, 120)
-    ring = np.array([12.0, 0.0]) + 10.0 * np.column_stack([np.cos(circle), np.sin(circle)])
-    plane = np.vstack([outline, ring])
-    points = np.column_stack([plane + 200.0, np.full(len(plane), -5.0)])
-    points = np.vstack([points[0] + [0, 0, 5.0], points, points[-1] + [0, 0, 5.0]])
-    length = np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-    s = np.arange(0.0, length[-1], feed / RATE_HZ)
-    path = np.column_stack([np.interp(s, length, points[:, i]) for i in range(3)])
-    kernel = np.hanning(13)[1:-1]  # axes do not turn corners at full speed
-    smooth = [np.convolve(np.pad(path[:, i], 5, mode="edge"), kernel / kernel.sum(), mode="valid") for i in range(3)]
-    return np.column_stack(smooth), feed
-
-
-def _last_direction(v: np.ndarray, dead_band: float = 0.02) -> np.ndarray:
-    moving = np.where(np.abs(v) > dead_band, np.sign(v), 0.0)
-    last = np.maximum.accumulate(np.where(moving != 0, np.arange(len(v)), 0))
-    return moving[last]
+def deliver(folder: Path, count: int, seed: int = 0) -> Delivery:
+    """`count` impellers of one machine; the one after two thirds of them has the effect, the others have none."""
+    mill = newer_vertical()
+    courses = mill.plan(impellers(mill.machine, count, seed=seed))
+    produced = produce(mill, courses, seed=seed)
+    odd = min(2 * count // 3, count - 1)
+    effects = equip(mill, courses[odd : odd + 1], [CONCEALED], np.random.default_rng(seed))
+    produced[odd] = produce(mill, courses[odd : odd + 1], effects, seed=seed + 1)[0]
+    paths = [write_part(part, folder / "parts") for part in produced]
+    sealed = folder / "sealed.json"
+    truth = {"part": paths[odd].name, "axis": CONCEALED.axis, "mechanism": CONCEALED.id}
+    sealed.write_text(json.dumps(truth), encoding="utf-8")
+    return Delivery(paths, sealed)

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plain_parts import parts as made_up
 
-from flows.demo_parts import parts as made_up
 from pido.arrivals import Inbox, production_order
 from pido.core.errors import StoreError
 from pido.recordings.folder import write_folder

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_parts import parts as made_up
 
-from flows.demo_parts import parts as made_up
 from pido import plain, production
 from pido.cli import pido
 from pido.core.errors import PidoError

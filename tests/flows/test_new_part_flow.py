@@ -11,8 +11,8 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from plain_parts import parts as made_up
 
-from flows.demo_parts import parts as made_up
 from flows.server import prefect_server
 from pido.recordings.folder import write_folder
 from pido.tracking import bundle

@@ -6,8 +6,8 @@ import sqlite3
 from pathlib import Path
 
 import pytest
+from plain_parts import parts as made_up
 
-from flows.demo_parts import parts as made_up
 from pido import plain
 from pido.recordings.folder import write_folder
 from pido.tracking import promotion
