@@ -29,6 +29,7 @@ _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have mis
 _ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
 _SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
 _FEWEST = 50
+_ENOUGH = 20_000  # values that a median is taken of
 
 JUMP, SPIKE, FROZEN = (
     "jump that the speed does not explain",
@@ -197,6 +198,7 @@ def runs(rows: Bool1D) -> list[tuple[int, int]]:
 
 def _usual(difference: Float1D, signal: Float1D) -> float:
     """A size that the difference of two signals that belong together never reaches."""
+    difference, signal = _few(difference), _few(signal)
     least = _NEGLIGIBLE * float(np.quantile(np.abs(signal), 0.999))
     return max(_FACTOR * _deviation(difference), _TAIL * float(np.quantile(np.abs(difference), 0.9)), least, 1e-9)
 
@@ -225,7 +227,13 @@ def _grain(values: Float1D) -> float:
 
 
 def _deviation(values: Float1D) -> float:
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    few = _few(values)
+    return 1.4826 * float(np.median(np.abs(few - np.median(few))))
+
+
+def _few(values: Float1D) -> Float1D:
+    """Evenly spaced values, enough for a quantile."""
+    return values[:: 1 + len(values) // _ENOUGH]
 
 
 def _spread(values: Float1D) -> Float1D:

@@ -298,8 +298,10 @@ def _tool_mass(recording: Recording, tool: Array1D | None) -> Float1D | None:
     masses = {k: t.mass_kg for k, t in recording.part.tools.items() if t.mass_kg is not None}
     if tool is None or not masses:
         return None
-    keys, inverse = np.unique(tool.astype(str), return_inverse=True)
-    return np.array([masses.get(str(k), np.nan) for k in keys], float)[inverse]
+    out = np.full(len(tool), np.nan)
+    for key in dict.fromkeys(tool):
+        out[tool == key] = masses.get(str(key), np.nan)
+    return out
 
 
 def _wear(
