@@ -191,6 +191,7 @@ def test_a_search_begins_somewhere_and_stays_inside_the_range_of_each_shape(mech
 
 def test_every_recording_that_would_tell_two_mechanisms_apart_is_known_from_both_sides():
     for mechanism in CATALOGUE:
+        assert mechanism.tell_apart, mechanism.id
         for other, text in mechanism.tell_apart.items():
             if other in BY_ID:
                 assert BY_ID[other].tell_apart[mechanism.id] == text

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 _THREE_FEEDS = "an air cut at three feeds, both directions, 40 s"
-_SLOW = "an air cut from 0.1 to 10 mm/s in six feeds, both directions, with stops of some seconds"
-_STOPS = "stops of some seconds after moves in both directions"
-_TO_AND_FRO = "to and fro moves of 0.05, 0.2 and 1 mm, and slow moves without a reversal"
-_AIR = "the same program as an air cut"
-_RAMPS = "moves at one feed with three different accelerations"
-_DAY = "the same air cut at start-up, after an hour of running and after an hour's pause"
+_SLOW = "an air cut at 0.1, 0.3, 1, 3, 10 and 30 mm/s, both directions, with stops of 2 s, 90 s in all"
+_STOPS = "moves of 20 mm in both directions, each followed by a stop of 3 s, ten times"
+_TO_AND_FRO = "to and fro moves of 0.05, 0.2 and 1 mm at 1 mm/s, ten of each, with a stop of 1 s after every second one"
+_AIR = "the same program as an air cut, 50 mm above the workpiece"
+_RAMPS = "moves of 50 mm at one feed with the acceleration limited to 100, 50 and 25 %, five of each"
+_DAY = "the same air cut of 60 s at start-up, after an hour of running and after an hour's pause"
 
 _PAIRS: dict[tuple[str, str], str] = {
     ("coulomb_friction", "viscous_friction"): _THREE_FEEDS,
@@ -25,11 +25,30 @@ _PAIRS: dict[tuple[str, str], str] = {
     ("backlash", "standstill_friction"): _TO_AND_FRO,
     ("friction_asymmetry", "sensor_offset"): _STOPS,
     ("friction_asymmetry", "gravity_load"): _STOPS,
-    ("position_dependent_friction", "torque_ripple"): "one long move to and fro at constant feed",
+    ("position_dependent_friction", "torque_ripple"): "one move over the whole travel to and fro at 5 mm/s",
+    ("coulomb_friction", "position_dependent_friction"): "one move over the whole travel to and fro at 5 mm/s",
+    (
+        "position_dependent_friction",
+        "thermal_drift",
+    ): "the whole travel to and fro at 5 mm/s, three times with a minute between",
+    (
+        "torque_ripple",
+        "external_force",
+    ): "one move over the whole travel at 5 and at 10 mm/s: a ripple keeps its period in mm",
+    ("external_force", "thermal_drift"): "the same program three times: what is tied to no state does not come back",
+    ("external_force", "material_hard_zone"): "the same program on a second workpiece",
+    ("coulomb_friction", "axis_coupling"): "moves of one axis at a time, 20 mm at three feeds",
+    ("material_hard_zone", "position_dependent_friction"): _AIR,
+    ("load_dependent_friction", "edge_force"): "a slot along the axis in both directions at two depths of cut",
+    ("current_saturation", "inertia"): "hard accelerations at 100, 50 and 25 %, five of each",
+    ("current_saturation", "cutting_force"): "the same slot at 50, 100 and 150 % of the depth of cut",
+    ("spindle_torque_load", "spindle_viscous_drag"): _AIR,
+    ("spindle_inertia", "spindle_viscous_drag"): "run-ups of the spindle with 10 s at each of five speeds",
+    ("spindle_windage", "coulomb_friction"): "the idling spindle at five speeds, 10 s each",
     ("inertia", "time_misalignment"): _RAMPS,
     ("inertia", "backlash"): _RAMPS,
-    ("inertia", "axis_coupling"): "moves of one axis at a time",
-    ("viscous_friction", "axis_coupling"): "moves of one axis at a time",
+    ("inertia", "axis_coupling"): "moves of one axis at a time, 20 mm at three feeds",
+    ("viscous_friction", "axis_coupling"): "moves of one axis at a time, 20 mm at three feeds",
     ("gravity_load", "sensor_offset"): "the same moves with a light and a heavy tool, and the drive switched off",
     ("cutting_force", "load_dependent_friction"): "a slot along the axis in both directions at two depths of cut",
     ("cutting_force", "edge_force"): "slots at three feeds per tooth with one depth of cut",
@@ -41,20 +60,20 @@ _PAIRS: dict[tuple[str, str], str] = {
     ("tool_wear", "thermal_drift"): "the same slot with a new and a worn tool, both on a warm machine",
     ("tool_wear", "material_hard_zone"): "the same slot at four places, in two orders",
     ("edge_force", "coolant_load"): "the same slot with coolant on and off",
-    ("coolant_load", "sensor_offset"): "an air cut with coolant on and off",
-    ("coolant_load", "spindle_viscous_drag"): "the spindle at three speeds with coolant on and off",
+    ("coolant_load", "sensor_offset"): "an air cut with coolant on and off every 10 s, 60 s",
+    ("coolant_load", "spindle_viscous_drag"): "the spindle at three speeds, 10 s each, with coolant on and off",
     ("coolant_load", "thermal_drift"): "coolant on and off several times on a warm machine",
-    ("spindle_viscous_drag", "spindle_windage"): "the idling spindle at five speeds",
-    ("spindle_viscous_drag", "coulomb_friction"): "the idling spindle at five speeds",
+    ("spindle_viscous_drag", "spindle_windage"): "the idling spindle at five speeds, 10 s each",
+    ("spindle_viscous_drag", "coulomb_friction"): "the idling spindle at five speeds, 10 s each",
     ("spindle_viscous_drag", "thermal_drift"): "the idling spindle at five speeds on a warm machine",
     ("spindle_inertia", "time_misalignment"): "run-ups of the spindle at two accelerations",
     ("thermal_drift", "sensor_offset"): _DAY,
     ("thermal_drift", "coulomb_friction"): _DAY,
     ("thermal_drift", "viscous_friction"): _DAY,
     ("current_saturation", "sensor_gain"): "hard accelerations and gentle moves with the same program",
-    ("current_saturation", "sensor_clipping"): "hard accelerations at three levels",
-    ("sensor_gain", "inertia"): "moves at constant feed and hard accelerations",
-    ("sensor_gain", "coulomb_friction"): "moves at constant feed and hard accelerations",
+    ("current_saturation", "sensor_clipping"): "hard accelerations at 100, 50 and 25 %, five of each",
+    ("sensor_gain", "inertia"): "20 s at constant feed and ten hard accelerations",
+    ("sensor_gain", "coulomb_friction"): "20 s at constant feed and ten hard accelerations",
 }
 
 
