@@ -9,7 +9,7 @@ export DO_NOT_TRACK = 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export MLFLOW_DISABLE_TELEMETRY = true
 
-.PHONY: setup demo test test-slow bench lint lock plant clean
+.PHONY: setup demo test test-slow bench lint lock docs plant clean
 
 setup: $(READY)
 
@@ -36,6 +36,9 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+docs: $(READY)
+	$(BIN)/python docs/reference.py out/docs
 
 lock:
 	$(BIN)/uv pip compile --universal --python-version 3.11 --all-extras --generate-hashes \

@@ -1,0 +1,115 @@
+"""What the page `physics.md` says of each mechanism: measured, one case each, the first seed and no other.
+
+In:  the simulated mill (`pido.synthetic`), which shares no code with the search and integrates its own dynamics.
+Out: `physics_examples.json`, and the page made from it and from the catalogue.
+
+    python docs/physics_examples.py            measure what is not measured yet, then write the page
+    python docs/physics_examples.py --again    measure everything again (an hour on one core)
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.reports.words import in_words
+
+HERE = Path(__file__).parent
+MEASURED = HERE / "physics_examples.json"
+PAGE = HERE / "physics.md"
+STRENGTH, SEED, PARTS = 2.0, 1, 3
+EXTRA = ("external_force", "input_fault", "miscalibrated:coulomb_friction", "unknown", "none")
+KINDS = (*(m.id for m in CATALOGUE), *EXTRA)
+
+
+def measure(kind: str) -> dict[str, Any]:
+    """Conceal one thing, diagnose, and say both."""
+    from pido.diagnosis.diagnose import diagnose
+    from pido.synthetic.cases import draw_case
+
+    case = draw_case(kind, STRENGTH, SEED, parts=PARTS)
+    found = diagnose([part.recording for part in case.parts]).findings
+    return {
+        "truth": case.truth()["effects"],
+        "found": [
+            {
+                "axis": f.axis,
+                "mechanism": f.mechanism,
+                "where": f.where.summary,
+                "parameters": {n: [e.value, *e.ci95, e.unit] for n, e in f.parameters.items()},
+                "rmse": [f.fit.rmse_before, f.fit.rmse_after],
+                "alternatives": [a.mechanism for a in f.alternatives],
+            }
+            for f in found
+        ],
+    }
+
+
+def verdict(kind: str, one: dict[str, Any]) -> str:
+    """In how far the answer is the truth: named, named second, something else, or nothing."""
+    found = one["found"]
+    if kind == "none":
+        return "nothing found, as it should be" if not found else "a finding where there is nothing"
+    truth = {(e["axis"], e["mechanism"]) for e in one["truth"]}
+    ids = [(f["axis"], f["mechanism"]) for f in found]
+    if not found:
+        return "not found"
+    first = "named first" if ids[0] in truth else ""
+    later = "named, but not first" if truth & set(ids) else ""
+    axes = {axis for axis, _ in truth}
+    second = any(f["axis"] in axes and {m for _, m in truth} & set(f["alternatives"]) for f in found)
+    answer = first or later or ("stands as the alternative" if second else "taken for something else")
+    others = sum(i not in truth for i in ids)
+    return answer + (f"; {others} more" if others and (first or later) else "")
+
+
+def page(measured: dict[str, Any]) -> str:
+    """The whole page."""
+    head = (HERE / "physics_head.md").read_text(encoding="utf-8")
+    rows = ["| concealed | answer | found first | error on unseen parts, A |", "|---|---|---|---|"]
+    for kind in KINDS:
+        if kind not in measured:
+            rows.append(f"| `{kind}` | not measured yet | – | – |")
+            continue
+        one = measured[kind]
+        best = one["found"][0] if one["found"] else None
+        first = f"{best['axis']}: `{best['mechanism']}`, {best['where']}" if best else "–"
+        error = f"{best['rmse'][0]:.3g} → {best['rmse'][1]:.3g}" if best else "–"
+        hidden = ", ".join(sorted({e["axis"] for e in one["truth"]}))
+        rows.append(f"| `{kind}`{f' ({hidden})' if hidden else ''} | {verdict(kind, one)} | {first} | {error} |")
+    blocks = []
+    for m in CATALOGUE:
+        shape = f" Searched: {', '.join(f'{p.name} ({p.unit})' for p in m.shape)}." if m.shape else ""
+        apart = [f"- from `{other}`: {what}" for other, what in m.tell_apart.items()]
+        told = ["", "Tell it apart:", *apart] if apart else []
+        text = [f"### `{m.id}`", "", f"{(m.__doc__ or '').strip().splitlines()[0]}", "",
+                f"    {m.equation}", "", f"Axes: {', '.join(m.axes)}.{shape}", *told, ""]  # fmt: skip
+        blocks.append("\n".join(text))
+    done = [k for k in KINDS if k in measured]
+    right = sum(verdict(k, measured[k]).startswith(("named first", "nothing found")) for k in done)
+    figures = f"{right} of {len(done)} answers name what was concealed first (or find nothing where nothing is)."
+    return head.replace("<!-- examples -->", f"{figures}\n\n" + "\n".join(rows)).replace(
+        "<!-- catalogue -->", "\n".join(blocks).rstrip()
+    )
+
+
+@click.command()
+@click.option("--again", is_flag=True, help="measure everything again")
+@click.option("--only-page", is_flag=True, help="write the page from what has been measured")
+def main(again: bool, only_page: bool) -> None:
+    """Measure, keep, write the page."""
+    measured = json.loads(MEASURED.read_text(encoding="utf-8")) if MEASURED.exists() and not again else {}
+    for kind in () if only_page else KINDS:
+        if kind not in measured:
+            measured[kind] = measure(kind)
+            MEASURED.write_text(json.dumps(measured, indent=1), encoding="utf-8")
+            click.echo(f"{kind} ({in_words(kind)}): {verdict(kind, measured[kind])}")
+    PAGE.write_text(page(measured), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
