@@ -1,0 +1,395 @@
+"""Proof on concealed effects: cases are drawn and sealed, the tool is run blind, and only then the truth is opened.
+
+In:  seed, number of cases. Out: one row per case and solver in `cases.parquet`, and the tables of the proof.
+
+The tool is what a user runs: `pido diagnose` on part folders and `pido correct` on a part it was not shown, in a
+process of their own, in a folder that the sealed truth is not in. Rivals see the same parts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binomtest, rankdata
+
+from pido.core.arrays import Bool1D, Float1D
+from pido.core.axes import AXES
+from pido.core.errors import PidoError
+from pido.experiments.base import Outcome, Shown
+from pido.synthetic.cases import KINDS, MECHANISMS, draw_case
+from pido.synthetic.write import write_case
+
+STRENGTHS = (0.5, 1.0, 2.0, 4.0)
+TOOL = "pido"
+SAME_PARAMETER = {"delay": "shift"}
+"""Names of the synthetic machine -> of a finding, where the two say the same in other words."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to draw. The key names its files; it says nothing that the tool could read."""
+
+    kind: str
+    strength: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        return hashlib.sha256(f"{self.kind}|{self.strength}|{self.seed}".encode()).hexdigest()[:12]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a solver says of one axis: the mechanism, its kind, and what it cannot tell from it, likeliest first."""
+
+    axis: str
+    mechanism: str
+    kind: str
+    alternatives: tuple[str, ...] = ()
+    parameters: Mapping[str, tuple[float, float, float]] | None = None  # value, low and high end of the 95 % interval
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """claims, strongest first; per part and axis the score in 0..1; for the unseen part the mismatch per axis, A."""
+
+    claims: tuple[Claim, ...]
+    scores: Mapping[str, Mapping[str, Float1D]]
+    unseen: Mapping[str, Float1D]
+    seconds: float
+
+
+Solver = Callable[[Sequence[Path], Path, Path], Answer]
+"""(folders of the parts to diagnose, folder of the unseen part, folder to work in) -> answer."""
+
+
+def plan(cases: int, seed: int) -> list[Task]:
+    """`cases` tasks that go evenly through the kinds and, for each, through the strengths; order and seeds drawn.
+
+    Clean cases, single mechanisms and pairs come more often than the rest: rates of 5 % need many of them.
+    """
+    rng = np.random.default_rng(seed)
+    weighted = [*KINDS, *["none"] * 9, *["pair"] * 5, *["unknown"] * 3]
+    tasks: list[Task] = []
+    turn = 0
+    while len(tasks) < cases:
+        for kind in rng.permutation(weighted):
+            # a rotating start: every kind meets every strength, whatever the number of cases
+            at = (int(hashlib.sha256(str(kind).encode()).hexdigest(), 16) + turn) % len(STRENGTHS)
+            tasks.append(Task(str(kind), STRENGTHS[at], int(rng.integers(2**31))))
+        turn += 1
+    return tasks[:cases]
+
+
+def run(
+    tasks: Sequence[Task],
+    folder: Path,
+    *,
+    solvers: Mapping[str, Solver],
+    workers: int = 1,
+    on_progress: Callable[[int, int, str], None] = lambda done, of, what: None,
+) -> pd.DataFrame:
+    """One row per case and solver. What `folder` holds from an earlier run, by the same code, is not computed again."""
+    kept = folder / "rows"
+    kept.mkdir(parents=True, exist_ok=True)
+    under = _code()
+    files = {t: kept / f"{t.key}-{under}-{'-'.join(solvers)}.json" for t in tasks}
+    left = [t for t in tasks if not files[t].exists()]
+    on_progress(len(tasks) - len(left), len(tasks), "")
+    with ThreadPoolExecutor(workers) as pool:  # the work is done in processes of their own
+        waiting = {pool.submit(_one, task, folder, tuple(solvers)): task for task in left}
+        for done, future in enumerate(as_completed(waiting), start=len(tasks) - len(left) + 1):
+            files[waiting[future]].write_text(json.dumps(future.result()), encoding="utf-8")
+            on_progress(done, len(tasks), waiting[future].kind)
+    table = pd.DataFrame([row for t in tasks for row in json.loads(files[t].read_text(encoding="utf-8"))])
+    table.to_parquet(folder / "cases.parquet", index=False)
+    return table
+
+
+def _one(task: Task, folder: Path, solvers: tuple[str, ...]) -> list[dict[str, Any]]:
+    """A case in a process of its own: one thread, and a crash of it is a row and not the end."""
+    call = [sys.executable, "-m", "pido.experiments.concealed", json.dumps([task.kind, task.strength, task.seed]),
+            str(folder), ",".join(solvers)]  # fmt: skip
+    ended = subprocess.run(call, capture_output=True, text=True, env=_one_thread(), check=False)
+    if ended.returncode:
+        raise PidoError(f"case {task.kind}, strength {task.strength}, seed {task.seed}: {ended.stderr[-800:]}")
+    return json.loads(ended.stdout.splitlines()[-1])
+
+
+def _one_thread() -> dict[str, str]:
+    return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+def solve_case(task: Task, folder: Path, solvers: Mapping[str, Solver]) -> list[dict[str, Any]]:
+    """Draw, seal, ask every solver, open. The last part is not shown to the solvers before they have answered."""
+    case, sealed = folder / "work" / task.key, folder / "sealed" / task.key
+    shutil.rmtree(case, ignore_errors=True)
+    parts = write_case(draw_case(task.kind, task.strength, task.seed), case, sealed)
+    rows = []
+    for name, solver in solvers.items():
+        about = {"case": task.key, **task.__dict__, "solver": name, "error": ""}
+        try:
+            answer = solver(parts[:-1], parts[-1], case)
+        except PidoError as error:
+            rows.append({**about, "error": str(error)[-500:]})
+            continue
+        truth = json.loads((sealed / "truth.json").read_text(encoding="utf-8"))
+        rows.append(about | judge(answer, truth, sealed, parts[-1].name))
+    shutil.rmtree(case)
+    shutil.rmtree(sealed)
+    return rows
+
+
+def tool(parts: Sequence[Path], unseen: Path, place: Path) -> Answer:
+    """`pido diagnose` and `pido correct`, read back from the files of the contract."""
+    out, corrected = place / "diagnosis", place / "unseen.parquet"
+    start = time.perf_counter()
+    _pido("diagnose", *map(str, parts), "--out", str(out))
+    seconds = time.perf_counter() - start
+    _pido("correct", str(out), str(unseen), "--out", str(corrected))
+    said = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    claims = tuple(
+        Claim(
+            f["axis"], f["mechanism"], f["kind"], tuple(a["mechanism"] for a in f["alternatives"]),
+            {k: (p["value"], *p["ci95"]) for k, p in f["parameters"].items()},
+        )
+        for f in said["findings"]
+    )  # fmt: skip
+    scores = {p.name: _series(out / "parts" / f"{p.name}.parquet", "mismatch_score_") for p in parts}
+    return Answer(claims, scores, _series(corrected, "mismatch_"), seconds)
+
+
+def _pido(*arguments: str) -> None:
+    call = [sys.executable, "-m", "pido.cli", *arguments]
+    ended = subprocess.run(call, capture_output=True, text=True, env=_one_thread(), check=False)
+    if ended.returncode:
+        raise PidoError(f"pido {arguments[0]}: {ended.stderr[-800:]}")
+
+
+def _series(path: Path, prefix: str) -> dict[str, Float1D]:
+    table = pd.read_parquet(path)
+    return {a: table[prefix + a].to_numpy(float) for a in AXES if prefix + a in table}
+
+
+def judge(answer: Answer, truth: Mapping[str, Any], sealed: Path, unseen: str) -> dict[str, Any]:
+    """What an answer is worth beside the truth.
+
+    first, found : the first claim names an effect; all effects are among the claims; false : claims that name none.
+    listed : an effect is the first claim or its first alternative
+    auc : of the score on the truth's axis, where samples inside and outside the effect both exist
+    removed : share of the effect's power that the correction takes from the unseen part
+    covered, of : parameters whose 95 % interval holds the truth, and how many could be compared
+    """
+    effects = truth["effects"]
+    real = [e for e in effects if e["mechanism"] != "time_misalignment" or e is effects[0]]
+    claims = answer.claims
+    found = [any(_names(c, e) for c in claims) for e in real]
+    lead = next((e for e in real if claims and _names(claims[0], e)), None)
+    row: dict[str, Any] = {
+        "truth": ", ".join(f"{e['axis']} {e['mechanism']}" for e in real),
+        "said": ", ".join(f"{c.axis} {c.mechanism}" for c in claims),
+        "effects": len(real),
+        "seconds": answer.seconds,
+        "claims": len(claims),
+        "false": sum(not any(_names(c, e) for e in real) for c in claims),
+        "first": lead is not None if real else None,
+        "found": all(found) if real else None,
+        "listed": any(_names(claims[0], e) or _first_alternative(claims[0], e) for e in real) if real and claims
+        else (False if real else None),
+        "kind_right": any(claims[0].kind == e["kind"] for e in real) if real and claims else (False if real else None),
+    }  # fmt: skip
+    covered = [_inside(claim, e) for e in real for claim in claims if _names(claim, e)]
+    row["covered"], row["of"] = (int(sum(c[k] for c in covered)) for k in (0, 1))
+    physical = [e for e in real if e["kind"] != "data_fault"]
+    if physical:
+        axis = physical[0]["axis"]
+        row["auc"] = _localised(answer, axis, sealed)
+        effect = _sealed(sealed, unseen)[f"effect_{axis}"].to_numpy()
+        power = float(np.mean(effect**2))
+        guess = answer.unseen.get(axis, np.zeros_like(effect))
+        row["removed"] = float(1 - np.mean((effect - guess) ** 2) / power) if power > 0 else None
+    return row
+
+
+def _names(claim: Claim, effect: Mapping[str, Any]) -> bool:
+    """A clock is one for all axes; everything else is of one axis."""
+    anywhere = effect["mechanism"] == "time_misalignment"
+    return claim.mechanism == effect["mechanism"] and (anywhere or claim.axis == effect["axis"])
+
+
+def _first_alternative(claim: Claim, effect: Mapping[str, Any]) -> bool:
+    return claim.axis == effect["axis"] and claim.alternatives[:1] == (effect["mechanism"],)
+
+
+def _inside(claim: Claim, effect: Mapping[str, Any]) -> tuple[int, int]:
+    hits = total = 0
+    for name, parameter in effect["parameters"].items():
+        value = parameter["value"]
+        said = (claim.parameters or {}).get(SAME_PARAMETER.get(name, name))
+        if said is None or value is None or said[1] is None or said[2] is None:
+            continue
+        total += 1
+        hits += said[1] <= value <= said[2]
+    return hits, total
+
+
+def _localised(answer: Answer, axis: str, sealed: Path) -> float | None:
+    scores, inside = [], []
+    for part, by_axis in answer.scores.items():
+        acts = _sealed(sealed, part)[f"acts_{axis}"].to_numpy(bool)
+        scores.append(by_axis.get(axis, np.zeros(len(acts))))
+        inside.append(acts)
+    return area_under_curve(np.concatenate(scores), np.concatenate(inside))
+
+
+def area_under_curve(score: Float1D, inside: Bool1D) -> float | None:
+    """Chance that a sample inside has a higher score than one outside, ties counted half; None if there is no both.
+
+    >>> area_under_curve(np.array([0.1, 0.4, 0.35, 0.8]), np.array([False, False, True, True]))
+    0.75
+    """
+    n, m = int(inside.sum()), int((~inside).sum())
+    if not n or not m:
+        return None
+    return float((rankdata(score)[inside].sum() - n * (n + 1) / 2) / (n * m))
+
+
+def _sealed(sealed: Path, part: str) -> pd.DataFrame:
+    return pd.read_parquet(sealed / f"{part}.parquet")
+
+
+def group_of(kind: str) -> str:
+    """The lines of the table.
+
+    >>> group_of("miscalibrated:inertia"), group_of("stribeck_friction"), group_of("sensor_gain")
+    ('wrong coefficient', 'single', 'data fault')
+    """
+    named = {"none": "clean", "pair": "pair", "unknown": "outside the vocabulary"}
+    form = {"miscalibrated": "wrong coefficient", "region": "confined to a region", "confounded": "confounded"}
+    if kind in named:
+        return named[kind]
+    if ":" in kind:
+        return form[kind.partition(":")[0]]
+    return "single" if kind in MECHANISMS else "data fault"
+
+
+def summarise(table: pd.DataFrame) -> Outcome:
+    """By kind, singles by strength, solvers beside one another, and each mechanism."""
+    failed = table[table["error"] != ""]
+    good = table[table["error"] == ""].assign(group=lambda t: t["kind"].map(group_of))
+    for name in ("auc", "removed"):
+        good[name] = pd.to_numeric(good.get(name, pd.Series(np.nan, good.index)))
+    own = good[good["solver"] == TOOL]
+    single = own[own["group"] == "single"]
+    by_kind = pd.DataFrame([{"kind": g, **_rates(rows)} for g, rows in own.groupby("group")])
+    by_strength = pd.DataFrame([{"strength": s, **_rates(rows)} for s, rows in single.groupby("strength")])
+    solvers = pd.DataFrame([{"solver": s, **_versus(good[good["solver"] == s])} for s in good["solver"].unique()])
+    each = pd.DataFrame([{"what": k, **_rates(rows)} for k, rows in own.groupby("kind")])
+    columns = ["kind", "strength", "seed", "truth", "said"]
+    wrong = own.loc[(own["first"].isin([False])) | (own["false"] > 0), columns]
+    strong = single[single["strength"] >= 1]
+    clean = own[own["group"] == "clean"]
+    verdict = (
+        f"Named right first: {_share(strong['first'])} of single effects at least as strong as the noise. "
+        f"Any finding on clean parts: {_share(clean['claims'] > 0)}. "
+        f"False findings per case: {own['false'].mean():.2f} ({len(own)} cases)."
+    )
+    differs = [f"{row.solver}, {row.kind}, seed {row.seed}: {row.error}" for row in failed.itertuples()]
+    return Outcome(
+        verdict,
+        (
+            Shown("By kind", by_kind, ("Intervals in brackets are 95 % (Clopper and Pearson).",)),
+            Shown("Single effects by strength", by_strength, ("Strength: effect over noise, rms, where it acts.",)),
+            Shown("Beside rivals", solvers, ("All on the same parts; a rival without names has no rate of names.",)),
+            Shown("Each mechanism", each),
+            Shown("Where it was wrong", wrong),
+        ),
+        tuple(differs),
+    )
+
+
+def _rates(rows: pd.DataFrame) -> dict[str, Any]:
+    return {
+        "cases": len(rows),
+        "right first": _share(rows["first"]),
+        "all found": _share(rows["found"]),
+        "first or its alternative": _share(rows["listed"]),
+        "kind right": _share(rows["kind_right"]),
+        "any finding": _share(rows["claims"] > 0),
+        "false per case": round(float(rows["false"].mean()), 2),
+        "auc": _median(rows["auc"]),
+        "removed": _median(rows["removed"]),
+        "covered": _count(int(rows["covered"].sum()), int(rows["of"].sum())),
+        "seconds": round(float(rows["seconds"].median()), 1),
+    }
+
+
+def _versus(rows: pd.DataFrame) -> dict[str, Any]:
+    physics = rows[rows["group"].isin(["single", "pair", "confined to a region", "outside the vocabulary"])]
+    clean = rows[rows["group"] == "clean"]
+    strong = rows[(rows["group"] == "single") & (rows["strength"] >= 1)]
+    return {
+        "single first, strength >= 1": _share(strong["first"]),
+        "right first": _share(rows["first"]),
+        "all found": _share(rows["found"]),
+        "clean with a finding": _share(clean["claims"] > 0),
+        "false per case": round(float(rows["false"].mean()), 2),
+        "auc": _median(physics["auc"]),
+        "removed": _median(physics["removed"]),
+        "covered": _count(int(rows["covered"].sum()), int(rows["of"].sum())),
+        "seconds": round(float(rows["seconds"].median()), 1),
+    }
+
+
+def _share(values: pd.Series) -> str:
+    known = values.dropna()
+    return _count(int(known.astype(bool).sum()), len(known))
+
+
+def _count(hits: int, of: int) -> str:
+    """'0.90 [0.55-1.00] of 10'."""
+    if not of:
+        return "–"
+    low, high = binomtest(hits, of).proportion_ci()
+    return f"{hits / of:.2f} [{low:.2f}-{high:.2f}] of {of}"
+
+
+def _median(values: pd.Series) -> float | None:
+    known = values.dropna()
+    return round(float(known.median()), 3) if len(known) else None
+
+
+def _code() -> str:
+    """Digest of everything that decides a row."""
+    package, text = Path(__file__).parents[1], hashlib.sha256()
+    for folder in ("core", "physics", "process", "feature_space", "equations", "recordings", "synthetic", "diagnosis"):
+        for path in sorted((package / folder).rglob("*.py")):
+            text.update(path.read_bytes())
+    for name in ("concealed.py", "concealed_rivals.py"):
+        text.update(Path(__file__).with_name(name).read_bytes())
+    return text.hexdigest()[:10]
+
+
+def solvers_named(names: Sequence[str]) -> dict[str, Solver]:
+    """The tool and the rivals, by name."""
+    from pido.experiments.concealed_rivals import RIVALS
+
+    return {name: tool if name == TOOL else RIVALS[name] for name in names}
+
+
+if __name__ == "__main__":
+    kind, strength, seed = json.loads(sys.argv[1])
+    print(json.dumps(solve_case(Task(kind, strength, seed), Path(sys.argv[2]), solvers_named(sys.argv[3].split(",")))))
