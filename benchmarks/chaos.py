@@ -1,0 +1,343 @@
+"""`make chaos`: faults that are really caused, at random moments, and what is left of them afterwards.
+
+In:  a few cheap part folders, how many faults of each kind, a seed.
+Out: per kind: faults caused, attempts that were cut off, parts lost, parts doubled, whether the state at the end is
+     the one of an undisturbed run (store, training data, equation and models by digest; champion and audit log).
+
+Every attempt is a process of its own, forked from this one with everything imported, so that a kill at 50 ms hits the
+work and not Python's start. MLflow is told about nothing here: that it may be away is one of the faults of the tests.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pido import plain, production
+from pido.recordings.folder import write_folder
+from pido.store import Store
+from pido.tracking import audit, bundle, promotion
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace
+
+SETTINGS = """compare = false
+[method]
+adaptive = false
+compare_with_model = false
+"""
+NOBODY = 65534
+"""User id of an attempt that may read the workspace but not write to it."""
+
+Attempt = Callable[[], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one kind of fault."""
+
+    kind: str
+    faults: int
+    cut_off: int  # attempts that did not reach their end
+    lost: int
+    doubled: int
+    same: bool  # the state at the end is the undisturbed one
+
+    @property
+    def clean(self) -> bool:
+        return self.same and not self.lost and not self.doubled
+
+
+class Storm:
+    """Faults against workspaces below `root`; each kind has a workspace of its own."""
+
+    def __init__(self, root: Path, folders: Sequence[Path], machine: str, seed: int) -> None:
+        self.root, self.folders, self.machine = root, list(folders), machine
+        self.rng = random.Random(seed)
+        self._numbers = iter(range(10**6))
+        start = time.monotonic()
+        calm = self.workspace()
+        for folder in self.folders:
+            ended(start_process(lambda f=folder: take(calm, f), self._log()))
+        self.seconds = (time.monotonic() - start) / len(self.folders)
+        self.calm = state(calm, self.machine)
+        if len(self.calm["parts"]) != len(self.folders):
+            raise RuntimeError(f"the undisturbed run did not end well:\n{self._log().read_text()[-2000:]}")
+
+    def workspace(self) -> Workspace:
+        root = self.root / f"plant-{next(self._numbers)}"
+        root.mkdir()
+        (root / "workspace.toml").write_text(SETTINGS)
+        return Workspace.open(root)
+
+    def killed(self, count: int) -> Outcome:
+        """kill -9 of an iteration at a random moment, again and again, until `count` kills hit."""
+        return self._repeated("kill -9 of an iteration", count, self._one_kill)
+
+    def disk_full(self, count: int) -> Outcome:
+        """No file may grow beyond a random size while a part is taken."""
+        return self._repeated("disk full", count, self._one_full_disk)
+
+    def clock(self, count: int) -> Outcome:
+        """The clock jumps by years, back and forth, and the attempt is killed half of the time."""
+        return self._repeated("clock jumps", count, self._one_jump)
+
+    def read_only(self, count: int) -> Outcome:
+        """The workspace cannot be written. As root the attempt becomes another user, else the folders lose their w."""
+        return self._repeated("read-only store", count, self._one_read_only)
+
+    def twice(self, count: int) -> Outcome:
+        """The same part in two processes at the same moment."""
+        return self._repeated("same part twice at once", count, self._two_at_once)
+
+    def torn(self, count: int) -> Outcome:
+        """A batch with a recording in its middle of which only the first bytes came."""
+        return self._repeated("half copied, in a batch", count, self._one_torn)
+
+    def promotions(self, count: int) -> Outcome:
+        """kill -9 during approvals and rollbacks: either the old or the new version is in force, whole."""
+        place = self._finished()
+        versions = [v.version for v in Ledger(place.ledger).versions(self.machine) if v.gate.get("passed")][-2:]
+        for version in versions:
+            promotion.approve(place, self.machine, version, by="chaos", reason="before the faults")
+        seconds = self._time_of(lambda: self._swap(place, versions))
+        hits, whole = 0, True
+        while hits < count:
+            process = start_process(lambda: self._swap(place, versions), self._log())
+            time.sleep(self.rng.uniform(0, 1.2 * seconds))
+            hits += killed(process)
+            found = promotion.champion_bundle(place, self.machine)
+            record = promotion.champion(place, self.machine)
+            whole &= found is not None and record is not None and record.version in versions
+            history = promotion.history(place, self.machine)
+            whole &= len({r.hash for r in history}) == len(history) and history[-1] == record
+        # The last one goes through without a fault.
+        self._swap(place, versions)
+        chain = audit.read(place.registry / self.machine / "audit.jsonl")
+        whole &= chain[-1] == promotion.champion(place, self.machine)
+        return Outcome("kill -9 of a promotion", hits, hits, 0, 0, whole and state(place, self.machine) == self.calm)
+
+    def _swap(self, place: Workspace, versions: Sequence[int]) -> None:
+        """The other of two versions into force (only versions whose gate passed)."""
+        now = promotion.champion(place, self.machine)
+        if now is not None and now.version == versions[-1] and len(versions) > 1:
+            promotion.rollback(place, self.machine, by="chaos", reason="back")
+        else:
+            promotion.approve(place, self.machine, versions[-1], by="chaos", reason="forth")
+
+    def _time_of(self, work: Attempt) -> float:
+        start = time.monotonic()
+        ended(start_process(work, self._log()))
+        return time.monotonic() - start
+
+    def _finished(self) -> Workspace:
+        place = self.workspace()
+        for folder in self.folders:
+            ended(start_process(lambda f=folder: take(place, f), self._log()))
+        return place
+
+    def _repeated(self, kind: str, count: int, fault: Callable[[Workspace, Path], tuple[int, int]]) -> Outcome:
+        """Faults spread over the parts in a random order; each part is brought again without a fault at the end."""
+        faults = cut = 0
+        lost = doubled = 0
+        same = True
+        while faults < count:
+            place = self.workspace()
+            order = self.rng.sample(self.folders, len(self.folders))
+            for number, folder in enumerate(order):
+                share = max(1, (count - faults) // (len(order) - number)) if faults < count else 0
+                for _ in range(min(share, 12)):
+                    caused, failed = fault(place, folder)
+                    faults, cut = faults + caused, cut + failed
+                if not ended(start_process(lambda f=folder, p=place: take(p, f), self._log())):
+                    same = False
+            found = state(place, self.machine)
+            lost += len(set(self.calm["parts"]) - set(found["parts"]))
+            doubled += len(found["parts"]) - len(set(found["parts"]))
+            same &= found == self.calm
+            shutil.rmtree(place.root)
+        return Outcome(kind, faults, cut, lost, doubled, same)
+
+    def _one_kill(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        process = start_process(lambda: take(place, folder), self._log())
+        time.sleep(self.rng.uniform(0, self.seconds))
+        hit = killed(process)
+        return hit, hit
+
+    def _one_full_disk(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        limit = int(10 ** self.rng.uniform(2, 5.5))
+
+        def attempt() -> None:
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+            take(place, folder)
+
+        return 1, not ended(start_process(attempt, None))
+
+    def _one_jump(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        years = self.rng.choice((-30, -1, 1, 30)) * 3.15e7
+        real = time.time
+
+        def attempt() -> None:
+            time.time = lambda: real() + years
+            take(place, folder)
+
+        process = start_process(attempt, self._log())
+        if self.rng.random() < 0.5:
+            time.sleep(self.rng.uniform(0, self.seconds))
+            return 1, killed(process)
+        return 1, not ended(process)
+
+    def _one_read_only(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        as_root = os.geteuid() == 0
+        folders = [place.root, *(p for p in place.root.rglob("*") if p.is_dir())]
+        for one in folders:
+            one.chmod(0o555)
+
+        def attempt() -> None:
+            if as_root:
+                os.setuid(NOBODY)
+            take(place, folder)
+
+        try:
+            return 1, not ended(start_process(attempt, self._log()))
+        finally:
+            for one in folders:
+                one.chmod(0o755)
+
+    def _two_at_once(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        both = [start_process(lambda: take(place, folder), self._log()) for _ in range(2)]
+        return 1, sum(not ended(process) for process in both)
+
+    def _one_torn(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        torn = self.root / "arriving" / folder.name
+        shutil.rmtree(torn, ignore_errors=True)
+        shutil.copytree(folder, torn)
+        recording = torn / "recording.parquet"
+        whole = recording.read_bytes()
+        recording.write_bytes(whole[: self.rng.randrange(len(whole))])
+        known = [f for f in self.folders if Store(place.store).entries()][:1]
+        batch = [*known, torn]
+        ended(start_process(lambda: plain.run(place, batch, None, silent) and None, self._log()))
+        rejected = any(a.name == torn.name for a in Ledger(place.ledger).rejections())
+        return 1, int(rejected)
+
+    def _log(self) -> Path:
+        return self.root / "attempts.log"
+
+
+def take(place: Workspace, folder: Path) -> None:
+    """One part through one iteration; raises where it was not taken."""
+    answer = plain.run(place, [folder], None, silent)
+    if answer["rejected"]:
+        raise RuntimeError(answer["rejected"][0]["reason"])
+
+
+def silent(done: int, total: int, what: str) -> None:
+    """Nobody watches."""
+
+
+def state(place: Workspace, machine: str) -> dict[str, Any]:
+    """What must not depend on any fault: parts in the store and in the ledger, and the content of the last bundle."""
+    ledger = Ledger(place.ledger)
+    versions = ledger.versions(machine)
+    content = bundle.verify(bundle.load(place.bundles, versions[-1].bundle)).content if versions else {}
+    return {
+        "parts": sorted(ledger.parts(machine)),
+        "store": sorted(e.digest for e in Store(place.store).entries()),
+        "bundle": json.dumps(content, sort_keys=True, default=str),
+        "unfinished": sorted(p.name for p in place.work.iterdir()) if place.work.exists() else [],
+    }
+
+
+def start_process(attempt: Attempt, log: Path | None) -> int:
+    """Fork; the child does `attempt` and nothing else. Its words go to `log`. Returns its process id."""
+    sys.stdout.flush()
+    child = os.fork()
+    if child:
+        return child
+    code = 1
+    try:
+        out = os.open(log or os.devnull, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        os.dup2(out, 1)
+        os.dup2(out, 2)
+        production.log = lambda root: {"logged": 0, "fault": ""}
+        attempt()
+        code = 0
+    except BaseException:
+        os.write(2, traceback.format_exc().encode())
+    finally:
+        os._exit(code)
+
+
+def killed(process: int) -> int:
+    """kill -9; 1 if it was still at work, 0 if it had ended already."""
+    os.kill(process, signal.SIGKILL)
+    return int(os.WIFSIGNALED(os.waitpid(process, 0)[1]))
+
+
+def ended(process: int) -> bool:
+    """Wait for a process; whether it ended well."""
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0
+
+
+def table(found: Sequence[Outcome]) -> str:
+    """The outcomes as text."""
+    lines = [f"{'fault':<26}{'faults':>7}{'cut off':>9}{'lost':>6}{'doubled':>9}  same as undisturbed"]
+    lines += [
+        f"{o.kind:<26}{o.faults:>7}{o.cut_off:>9}{o.lost:>6}{o.doubled:>9}  {'yes' if o.same else 'NO'}" for o in found
+    ]
+    lines.append(
+        f"{'all':<26}{sum(o.faults for o in found):>7}{sum(o.cut_off for o in found):>9}"
+        f"{sum(o.lost for o in found):>6}{sum(o.doubled for o in found):>9}  "
+        f"{'yes' if all(o.same for o in found) else 'NO'}"
+    )
+    return "\n".join(lines)
+
+
+@click.command()
+@click.option("--faults", type=click.IntRange(min=7), default=210, show_default=True, help="in all, about")
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--rows", type=int, default=400, show_default=True, help="samples per part")
+def main(faults: int, seed: int, rows: int) -> None:
+    """Cause faults and print what became of them; exit code 1 if anything was lost, doubled or different.
+
+    \b
+    python -m benchmarks.chaos --faults 210
+    """
+    from plain_parts import parts as made_up  # the tests' machine; `make chaos` puts its folder on the path
+
+    with tempfile.TemporaryDirectory(prefix="pido-chaos-") as temporary:
+        root = Path(temporary)
+        root.chmod(0o755)
+        short = [part.rows(slice(0, rows)) for part in made_up(3)]
+        storm = Storm(root, [write_folder(p, root / p.part.part) for p in short], short[0].part.machine, seed)
+        click.echo(f"an undisturbed iteration takes {storm.seconds:.2f} s", err=True)
+        share = faults / 7
+        kinds = [
+            (storm.killed, 2 * share), (storm.promotions, 2 * share), (storm.disk_full, share),
+            (storm.clock, share / 2), (storm.read_only, share / 2), (storm.twice, share / 2), (storm.torn, share / 2),
+        ]  # fmt: skip
+        found = []
+        for cause, count in kinds:
+            found.append(cause(max(1, round(count))))
+            click.echo(f"{found[-1].kind}: {'clean' if found[-1].clean else 'NOT CLEAN'}", err=True)
+        click.echo(table(found))
+    sys.exit(0 if all(o.clean for o in found) else 1)
+
+
+if __name__ == "__main__":
+    main()
