@@ -7,7 +7,7 @@ written beside the derived rows, so that the next part is added to it and the pa
 
     derived/<part>-<settings>.parquet      rows of a part              (pido.parts)
     derived/<part>-<settings>.bins.npz     how many of them in which bin
-    derived/kept-<key>.parquet, .json      rows kept for a set of parts, and which set
+    derived/kept-<key>.parquet, .json      rows kept for a set of parts; which set, and its rows per bin
 """
 
 from __future__ import annotations
@@ -48,23 +48,27 @@ class Rows:
 
     def of(self, parts: Sequence[str], limit: int) -> Samples:
         """At most about `limit` rows of `parts`, in the order of `parts` and of their rows."""
-        counts = BinCounts.sum([self.counts(part) for part in parts])
+        place = self._place(parts, limit)
+        if place.exists() and place.with_suffix(".json").exists():
+            os.utime(place)
+            return _ordered(load_samples(place), parts)
+        known, before, kept_before = self._nearest(set(parts), limit)
+        fresh = [part for part in parts if part not in known]
+        counts = BinCounts.sum([before, *(self.counts(part) for part in fresh)])
         if counts.rows <= limit:
             return Samples.concat([self.load(part) for part in parts])
-        place = self._place(parts, limit)
-        if not place.exists():
-            known, rows = self._nearest(set(parts), limit)
-            fresh = [part for part in parts if part not in known]
-            log.info("%d rows in %d parts, limit %d: %d part(s) to read", counts.rows, len(parts), limit, len(fresh))
-            pieces = [] if rows is None else [rows.take(kept(rows, counts, limit, self.grid))]
-            for part in fresh:
-                new = self.load(part)
-                pieces.append(new.take(kept(new, counts, limit, self.grid)))
-            save_samples(_ordered(Samples.concat(pieces), parts), place)
-            write_atomically(place.with_suffix(".json"), json.dumps({"parts": sorted(parts)}))
-            self._tidy(place)
-        os.utime(place)
-        return _ordered(load_samples(place), parts)
+        log.info("%d rows in %d parts, limit %d: %d part(s) to read", counts.rows, len(parts), limit, len(fresh))
+        pieces = [] if kept_before is None else [self._thinned(load_samples(kept_before), counts, limit)]
+        pieces += [self._thinned(self.load(part), counts, limit) for part in fresh]
+        rows = _ordered(Samples.concat(pieces), parts)
+        save_samples(rows, place)
+        about = {"parts": sorted(parts), "bins": counts.bins.tolist(), "count": counts.count.tolist()}
+        write_atomically(place.with_suffix(".json"), json.dumps(about))
+        self._tidy(place)
+        return rows
+
+    def _thinned(self, rows: Samples, counts: BinCounts, limit: int) -> Samples:
+        return rows.take(kept(rows, counts, limit, self.grid))
 
     def counts(self, part: str) -> BinCounts:
         """Rows per bin of one part."""
@@ -85,14 +89,16 @@ class Rows:
     def _family(self, limit: int) -> str:
         return digest_of([self.state, self.grid.width, limit])[:12]
 
-    def _nearest(self, parts: set[str], limit: int) -> tuple[set[str], Samples | None]:
-        """The largest set within `parts` for which rows are kept already."""
-        best: tuple[set[str], Path | None] = (set(), None)
-        for about in sorted(self.folder.glob(f"kept-{self._family(limit)}-*.json")):
-            known, place = set(json.loads(about.read_text(encoding="utf-8"))["parts"]), about.with_suffix(".parquet")
+    def _nearest(self, parts: set[str], limit: int) -> tuple[set[str], BinCounts, Path | None]:
+        """The largest set within `parts` for which rows are kept already, its rows per bin, and where they are."""
+        best: tuple[set[str], BinCounts, Path | None] = (set(), BinCounts.sum([]), None)
+        for file in sorted(self.folder.glob(f"kept-{self._family(limit)}-*.json")):
+            about, place = json.loads(file.read_text(encoding="utf-8")), file.with_suffix(".parquet")
+            known = set(about["parts"])
             if known <= parts and len(known) > len(best[0]) and place.exists():
-                best = known, place
-        return best[0], None if best[1] is None else load_samples(best[1])
+                counts = BinCounts(np.array(about["bins"], np.int64), np.array(about["count"], np.int64))
+                best = known, counts, place
+        return best
 
     def _tidy(self, newest: Path, keep: int = 4) -> None:
         """Forget what has not been asked for lately: it can be made again."""

@@ -1,8 +1,8 @@
 """Which regressor serves which axis. The method does not depend on it: any scikit-learn regressor can stand here.
 
 `paper`    extra trees for x, y, z and gradient boosting for the spindle, with the settings of section IV-A
-`default`  extra trees for all four. The paper's boosting (6 000 leaves, no depth limit) over-fits: on held-out parts of
-           a real machine its spindle error was a quarter above that of extra trees, see `benchmarks.models`
+`default`  extra trees for all four: on parts that neither has seen, the paper's boosting (6 000 leaves, no depth limit)
+           is no better and takes several times as long, see `python -m benchmarks models`
 """
 
 from __future__ import annotations
