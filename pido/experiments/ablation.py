@@ -15,7 +15,7 @@ import pandas as pd
 from pido.experiments import paper
 from pido.experiments.base import Experiment, Options, Outcome, Rows, Shown, Unit
 from pido.experiments.cells import FILES, RANDOM, SCENARIOS, TIME, cells, inner_space
-from pido.experiments.compare import by_step, counts, means, over_axes, tested
+from pido.experiments.compare import by_step, counts, means, over_axes, changes_tested
 from pido.experiments.data import Fleet
 from pido.experiments.score import score
 from pido.experiments.variants import BASELINE, DELIVERED, PRINTED, Memory, tell
@@ -84,10 +84,10 @@ def measure(fleet: Fleet, params: Mapping[str, Any], rng: np.random.Generator) -
 
 def summarise(table: pd.DataFrame) -> Outcome:
     """Table 5 beside ours, changes per step with stars, counts, evenness."""
-    result = tested(table)
+    result = changes_tested(table)
     whole = result[result.space == "C"]
     number = counts(result)
-    mean = tested(over_axes(table))
+    mean = changes_tested(over_axes(table))
     pido = number[number.variant == "PiDO"].iloc[0]
     few = mean[(mean.variant == "PiDO") & (mean.space == "C") & mean.step.between(10, 40) & (mean.scenario != FILES)]
     verdict = (

@@ -25,7 +25,7 @@ def differences(table: pd.DataFrame, metric: str = "rmse") -> pd.DataFrame:
     return both.assign(delta=both["base"] - both[metric])
 
 
-def tested(table: pd.DataFrame, metric: str = "rmse", how: str = "holm") -> pd.DataFrame:
+def changes_tested(table: pd.DataFrame, metric: str = "rmse", how: str = "holm") -> pd.DataFrame:
     """One row per scenario, step, space, axis and variant: repeats, mean baseline error, change in percent (positive is
     better), p, corrected p (over all rows of real variants; nulls among themselves), significant."""
     rows = []

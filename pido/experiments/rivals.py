@@ -10,7 +10,7 @@ import pandas as pd
 
 from pido.experiments import ablation
 from pido.experiments.base import Experiment, Options, Outcome, Shown, Unit
-from pido.experiments.compare import by_step, counts, means, over_axes, tested
+from pido.experiments.compare import by_step, counts, means, over_axes, changes_tested
 from pido.experiments.data import Fleet
 from pido.experiments.significance import LEVEL, corrected, paired_p
 from pido.experiments.variants import DELIVERED, GENERATING, OTHERS
@@ -24,7 +24,7 @@ def plan(fleet: Fleet, options: Options) -> list[Unit]:
 def summarise(table: pd.DataFrame) -> Outcome:
     """PiDO against each rival, counts against the common baseline, all errors."""
     duel = duels(table)
-    mean, result = tested(over_axes(table)), tested(table)
+    mean, result = changes_tested(over_axes(table)), changes_tested(table)
     rows = duel[duel.rival.isin(GENERATING)]
     ahead = rows[(rows.change > 0) & (rows.p_corrected < LEVEL)].rival.tolist()
     others = duel[~duel.rival.isin([*GENERATING, "real + direction, other seed"])]

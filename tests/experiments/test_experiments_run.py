@@ -1,0 +1,198 @@
+"""Experiments as units of work: the same table however they are spread, stopped or continued."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from pido.config import machine
+from pido.core.columns import INPUTS
+from pido.core.errors import PidoError
+from pido.core.samples import Samples
+from pido.experiments import runner
+from pido.experiments.base import MODULES, experiment
+from pido.experiments.cells import FILES, RANDOM, TIME, cells, reduced
+from pido.experiments.data import Fleet, load_fleet, runs
+from pido.experiments.runner import measure, run_experiment
+from pido.experiments.score import changes
+from pido.feature_space.density import occupancy
+from pido.feature_space.grid import SAMPLING_GRID
+
+
+def part(name: str, seed: int, n: int = 360) -> Samples:
+    """Rows whose x current is Coulomb friction and whose spindle current follows the torque; y and z are noise."""
+    rng = np.random.default_rng(seed)
+    phi = np.cumsum(rng.normal(0.0, 0.1, n))
+    inputs = np.zeros((n, len(INPUTS)))
+    inputs[:, 0], inputs[:, 1] = 6 * np.cos(phi), 6 * np.sin(phi)
+    inputs[:, 6], inputs[:, 11] = 19_200.0, 2.0 + np.sin(np.arange(n) / 20)
+    ar = np.full(n, 12.0) + rng.normal(0, 0.5, n)
+    inputs[:, 12] = ar * 6
+    direction = np.zeros((n, 4))
+    direction[:, :2], direction[:, 3] = np.sign(inputs[:, :2]), 1.0
+    currents = rng.normal(0, 0.02, (n, 4))
+    currents[:, 0] += 0.5 * direction[:, 0]
+    currents[:, 3] += 0.3 * inputs[:, 11]
+    return Samples.real(inputs, ar, currents, direction, name, np.arange(n))
+
+
+@pytest.fixture(scope="module")
+def fleet() -> Fleet:
+    return Fleet("made", machine("dmc60h"), {f"p{k}": part(f"p{k}", k) for k in range(4)})
+
+
+def test_the_table_does_not_depend_on_the_number_of_workers(fleet, tmp_path):
+    options = {"repeats": 2, "quick": True, "seed": 3}
+    one = run_experiment("importance", fleet, folder=tmp_path / "one", **options).table
+    four = run_experiment("importance", fleet, folder=tmp_path / "four", workers=4, **options).table
+    pd.testing.assert_frame_equal(one, four, check_exact=True)
+
+
+@pytest.mark.slow
+def test_the_table_is_the_same_on_a_dask_cluster(fleet, tmp_path):
+    options = {"repeats": 2, "quick": True}
+    here = run_experiment("importance", fleet, folder=tmp_path / "here", **options).table
+    there = run_experiment("importance", fleet, folder=tmp_path / "there", workers=2, cluster="local", **options).table
+    pd.testing.assert_frame_equal(here, there, check_exact=True)
+
+
+def test_a_run_that_was_stopped_continues_with_what_is_left(fleet, tmp_path, monkeypatch):
+    whole = run_experiment("importance", fleet, folder=tmp_path / "whole", repeats=3, quick=True).table
+    calls = []
+
+    def failing(name, data, seed, unit):
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        calls.append(unit.key)
+        return measure(name, data, seed, unit)
+
+    with monkeypatch.context() as m:
+        m.setattr(runner, "measure", failing)
+        with pytest.raises(KeyboardInterrupt):
+            run_experiment("importance", fleet, folder=tmp_path / "cut", repeats=3, quick=True)
+    left = []
+    again = run_experiment(
+        "importance", fleet, folder=tmp_path / "cut", repeats=3, quick=True,
+        on_progress=lambda done, of, what: left.append(of - done),
+    )  # fmt: skip
+    assert again.found == 1
+    assert left == [2, 1, 0]
+    pd.testing.assert_frame_equal(again.table, whole, check_exact=True)
+
+
+def test_more_repeats_add_to_those_that_are_there(fleet, tmp_path):
+    few = run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True)
+    more = run_experiment("importance", fleet, folder=tmp_path, repeats=2, quick=True)
+    assert more.found == few.units
+    pd.testing.assert_frame_equal(more.table[more.table.repeat == 0].reset_index(drop=True), few.table)
+
+
+def test_results_of_other_data_or_another_seed_are_never_taken_for_these(fleet, tmp_path):
+    run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True)
+    other = Fleet(fleet.name, fleet.machine, {**fleet.sets, "p0": part("p0", 99)})
+    assert run_experiment("importance", other, folder=tmp_path, repeats=1, quick=True).found == 0
+    assert run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True, seed=1).found == 0
+
+
+def test_forests_find_the_inputs_that_the_currents_were_made_of(fleet, tmp_path):
+    table = run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True).table
+    first = {a: g.loc[g.permutation.idxmax(), "input"] for a, g in table.groupby("axis") if a in ("x", "sp")}
+    assert first == {"x": "v_x", "sp": "m_sp_sim"}
+
+
+@pytest.mark.parametrize("name", [n for n in MODULES if n != "concealed"])
+def test_every_experiment_plans_each_unit_once_with_values_that_json_can_hold(name, fleet):
+    from pido.experiments.base import Options
+
+    what = experiment(name)
+    units = list(what.plan(fleet, Options(repeats=2)))
+    assert units
+    assert len({u.key for u in units}) == len(units)
+    for unit in units:
+        assert json.loads(json.dumps(dict(unit.params))) == dict(unit.params)
+    assert what.id == name
+
+
+def test_an_unknown_experiment_names_the_known_ones(fleet, tmp_path):
+    with pytest.raises(PidoError, match="importance, weighting"):
+        run_experiment("nothing", fleet, folder=tmp_path)
+
+
+def test_first_rows_grow_in_time_and_random_rows_are_nested(fleet):
+    for scenario in (TIME, RANDOM):
+        steps = list(cells(fleet, scenario, 0, 0, (10, 50, 100)))
+        assert [len(c.train) for c in steps] == [36, 180, 360]
+        assert set(steps[0].train.row) < set(steps[1].train.row)
+        assert steps[0].trained_on != steps[0].tested_on
+    assert list(cells(fleet, TIME, 0, 0, (10,)))[0].train.row.tolist() == list(range(36))
+
+
+def test_files_are_added_one_by_one_and_the_next_one_tests(fleet):
+    steps = list(cells(fleet, FILES, 0, 5, (1, 2, 3)))
+    assert [len(c.train) for c in steps] == [360, 720, 1080]
+    for cell in steps:
+        assert cell.tested_on not in set(cell.train.part)
+    first = next(cells(fleet, TIME, 0, 5, (100,)))
+    assert (first.trained_on, first.tested_on) == (steps[0].trained_on, steps[0].tested_on)
+
+
+def test_no_bin_keeps_more_rows_than_the_limit_and_small_bins_keep_all(fleet):
+    samples = fleet.sets["p1"]
+    before = occupancy(samples.reduced, SAMPLING_GRID)
+    after = occupancy(reduced(samples, 7, np.random.default_rng(0)).reduced, SAMPLING_GRID)
+    np.testing.assert_array_equal(after.count, np.minimum(before.count, 7))
+
+
+def test_the_load_changes_at_a_step_of_the_current():
+    samples = part("p", 0, 200)
+    samples.currents[:] = 0.0
+    samples.currents[120:, 0] = 1.0
+    where = np.flatnonzero(changes(samples)[:, 0])
+    assert 120 in where
+    assert (np.abs(where - 120) <= 5).all()
+
+
+def test_a_program_that_was_run_three_times_is_cut_into_its_runs(real_data):
+    path = real_data / "kit_dmc60h" / "S235JR_part2_aircut_1.csv"
+    if not path.is_file():
+        pytest.skip(f"{path} is missing")
+    fleet = load_fleet(str(path), "impellers")
+    assert list(fleet.sets) == ["run 1", "run 2", "run 3"]
+    begin = np.array([s.row[0] for s in fleet.sets.values()]) / 50.0
+    assert (np.abs(begin - [2.3, 84.3, 164.9]) < 0.3).all()  # where the cuts start, as published with the data
+
+
+def test_motion_that_does_not_repeat_is_one_run():
+    from pido.core.part import PartInfo
+    from pido.core.recording import Recording
+
+    rng, t = np.random.default_rng(0), np.arange(0, 60, 0.02)
+    columns = {"time": t} | {f"v_{a}": np.repeat(rng.normal(0, 5, 30), 100) for a in "xyz"}
+    assert len(runs(Recording(PartInfo(part="p", machine="dmc60h"), columns))) == 1
+
+
+def test_the_command_runs_an_experiment_and_leaves_a_page(tmp_path, monkeypatch, fleet):
+    from pido.cli.experiment import command
+
+    monkeypatch.setattr(runner, "load_fleet", lambda *a, **k: fleet)
+    call = [
+        "importance",
+        "--data",
+        "made",
+        "--quick",
+        "--repeats",
+        "1",
+        "--workers",
+        "1",
+        "--out",
+        str(tmp_path),
+        "--json",
+    ]
+    answer = CliRunner().invoke(command, call)
+    assert answer.exit_code == 0, answer.output
+    told = json.loads(answer.stdout)
+    assert told[0]["experiment"] == "importance"
+    page = (tmp_path / "importance" / "made" / "report.html").read_text(encoding="utf-8")
+    assert "What differs from the paper" in page
