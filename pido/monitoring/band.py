@@ -294,12 +294,14 @@ def _threshold(
     if not maxima:
         raise FitError("The residuals are too short to learn a band from: record at least a minute of a good part.")
     level = np.sqrt(_exceeded_with(np.array(maxima) ** 2, 1.0 - (1.0 - chance) ** (parts / len(maxima))))
-    # How much wider the next part may be than those seen: one in ten is wider than this. Student's t, because the
-    # spread between parts is itself estimated from few.
+    # How much wider the next part may be than those seen: one in ten is wider than this. What parts differ by is in the
+    # pooled maxima already; not known is how well K parts show it, and, with few, what they have not shown at all.
+    # Student's t, because the spread between parts is itself estimated from few.
     known = len(log_spreads) - 1
     squares = float(np.var(log_spreads) * len(log_spreads))
-    between = np.sqrt((squares + PRIOR_PARTS * PRIOR_SPREAD**2) / (known + PRIOR_PARTS))
-    wider = stats.t.ppf(0.9, df=known + PRIOR_PARTS) * between * np.sqrt(1.0 + 1.0 / parts)
+    between = (squares + PRIOR_PARTS * PRIOR_SPREAD**2) / (known + PRIOR_PARTS)
+    unseen = PRIOR_SPREAD**2 * PRIOR_PARTS / (parts + PRIOR_PARTS)
+    wider = stats.t.ppf(0.9, df=known + PRIOR_PARTS) * np.sqrt(between / parts + unseen)
     return float(level * np.exp(wider))
 
 

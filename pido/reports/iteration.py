@@ -22,11 +22,11 @@ from pido.tracking.report_files import RunFiles
 
 TRAINED = ("real", "pia", "pie", "both")
 LABEL = {
-    "real": "real rows only",
+    "real": "real only",
     "pia": "with PiA",
     "pie": "with PiE",
     "both": "PiA + PiE",
-    "rival": "best trivial rival",
+    "rival": "trivial rival",
 }
 COLOUR = {"rival": "#999999", "real": "#56B4E9", "pia": "#009E73", "pie": "#CC79A7", "both": "#D55E00"}
 MOST_GENERATED = 3000
@@ -65,7 +65,7 @@ def verdict(summary: dict[str, Any]) -> str:
             name, rival = best_rival(measured[axis])
             text = f"{axis} {number(both)} A"
             if np.isfinite(real) and real > 0:
-                text += f" ({_change(both, real)} against real rows only"
+                text += f" ({_change(both, real)} against real only"
                 text += f", {_change(both, rival)} against {name})" if name else ")"
             changes.append(text)
         said = "Error on the new part, before it was learnt from: " + "; ".join(changes) + "."
@@ -105,7 +105,7 @@ def _better(measured: dict[str, _Measured]) -> Section:
         ])  # fmt: skip
     plot = figure(
         x_range=FactorRange(*factors, group_padding=0.8), height=320, sizing_mode="stretch_width",
-        title="Error on the new part; real rows only = 100 %", y_axis_label="RMSE, % of real rows only",
+        title="Error on the new part; real only = 100 %", y_axis_label="RMSE, % of real only",
         tools="save,hover", toolbar_location="above",
     )  # fmt: skip
     plot.toolbar.logo = None

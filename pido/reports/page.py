@@ -141,8 +141,9 @@ def _legend_above(plot: figure) -> None:
         plot.add_layout(legend, "above")
         legend.update(
             orientation="horizontal", click_policy="hide", border_line_color=None, background_fill_alpha=0.0,
-            padding=0, margin=2, spacing=12, label_text_font_size="12px", label_height=14, glyph_height=14,
-            ncols="auto",
+            padding=0, margin=2, spacing=8, label_text_font_size="11px", label_height=14, glyph_height=14,
+            ncols=min(3, len(legend.items)),
+            location="top_left",
         )  # fmt: skip
 
 

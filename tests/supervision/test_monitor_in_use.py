@@ -1,0 +1,188 @@
+"""The monitor around a workspace: verdicts, answers and what follows, a file that grows."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pido.cli import pido
+from pido.core.errors import RegistryError
+from pido.core.recording import Recording
+from pido.monitoring.alarms import Alarm
+from pido.parts import samples_of
+from pido.recordings.folder import write_folder
+from pido.reports.monitor import monitor_page
+from pido.reports.page import render
+from pido.supervision import NO_SAFETY_STOP
+from pido.supervision.book import Book, alarm_id
+from pido.supervision.part import monitor
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace
+
+MACHINE = "cmx600v"
+
+
+JUMP_A = 200.0
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace that has seen one part, and two more beside it, the second with a jump during its longest cut."""
+    from pido.plain import run
+    from pido.synthetic.families import impellers
+    from pido.synthetic.machine import produce
+    from pido.synthetic.mills import newer_vertical
+
+    root = tmp_path_factory.mktemp("plant")
+    mill = newer_vertical()
+    made = produce(mill, mill.plan(impellers(mill.machine, 3)), with_simulation=False)
+    first, second, third = (one.recording for one in made)
+    workspace = Workspace.open(root / "ws")
+    run(workspace, [write_folder(first, root / "first")], None, lambda done, total, what: None)
+    write_folder(second, root / "good")
+    start, end = _longest_cut(third)
+    current = np.array(third["curr_x"])
+    current[(third.time > start) & (third.time < end)] += JUMP_A
+    write_folder(Recording(third.part, {**third.columns, "curr_x": current}), root / "bad")
+    (root / "when.json").write_text(json.dumps([start, end]))
+    return root
+
+
+def _longest_cut(recording: Recording) -> tuple[float, float]:
+    cutting = np.concatenate([[0], recording["mrr_sim"] > 0, [0]]).astype(int)
+    edges = np.flatnonzero(np.diff(cutting)).reshape(-1, 2)
+    first, last = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    middle = recording.time[(first + last) // 2]
+    return float(middle - 0.8), float(middle + 0.8)
+
+
+def _call(*arguments: object) -> str:
+    result = CliRunner().invoke(pido, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_a_jump_is_an_alarm_with_axis_time_size_and_words_and_the_answer_says_it_is_no_safety_stop(plant):
+    answer = json.loads(_call("monitor", plant / "bad", "-w", plant / "ws", "--json"))
+    start, end = json.loads((plant / "when.json").read_text())
+    (alarm,) = [a for a in answer["alarms"] if a["axis"] == "x" and a["t_start"] < end and a["t_end"] > start]
+    assert alarm["size_a"] == pytest.approx(JUMP_A, rel=0.1)
+    assert alarm["looks_like"]
+    assert answer["no_safety_stop"] == NO_SAFETY_STOP
+    assert not answer["good"]
+    assert "safety" in _call("monitor", "--help")
+
+
+def test_judging_the_same_part_again_adds_nothing_to_the_book_and_keeps_its_identifiers(plant):
+    before = json.loads(_call("monitor", plant / "bad", "-w", plant / "ws", "--json"))
+    book = Book(Workspace.open(plant / "ws"), MACHINE)
+    lines = book.path.read_text()
+    after = json.loads(_call("monitor", plant / "bad", "-w", plant / "ws", "--json"))
+    assert before == after
+    assert book.path.read_text() == lines
+
+
+def test_judging_a_part_does_not_take_it_into_the_store(plant):
+    workspace = Workspace.open(plant / "ws")
+    known = Ledger(workspace.ledger).parts(MACHINE)
+    _call("monitor", plant / "good", "-w", plant / "ws")
+    assert Ledger(workspace.ledger).parts(MACHINE) == known
+
+
+def test_a_true_alarm_leaves_its_samples_out_of_the_next_training_set_and_only_those(plant):
+    workspace = Workspace.open(plant / "ws")
+    (digest,) = Ledger(workspace.ledger).parts(MACHINE)
+    book, rows, key = Book(workspace, MACHINE), samples_of(workspace, digest), workspace.run_key(MACHINE, [digest])
+    start, end = rows.row[100] / 50.0, rows.row[160] / 50.0
+    alarm = Alarm(digest, "x", start, end, "", 3, 1.0, 9.0)
+    name = alarm_id(MACHINE, digest, alarm)
+    said = {"id": name, "part": "IMP-01", "axis": "x", "t_start": start, "t_end": end, "tool": "", "block": 3,
+            "size_a": 1.0, "spreads": 9.0, "looks_like": "unknown"}  # fmt: skip
+    book.verdict({"part": "IMP-01", "digest": digest, "machine": MACHINE, "good": False, "alarms": [said]})
+    _call("monitor", "answer", name, "--false", "--by", "ann", "--reason", "tool was new", "-w", plant / "ws")
+    assert len(samples_of(workspace, digest)) == len(rows)
+    assert workspace.run_key(MACHINE, [digest]) == key
+    _call("monitor", "answer", name, "--true", "--by", "ann", "--reason", "insert was chipped", "-w", plant / "ws")
+    left = samples_of(workspace, digest)
+    gone = np.setdiff1d(rows.row, left.row)
+    assert gone.tolist() == rows.row[100:161].tolist()
+    assert workspace.run_key(MACHINE, [digest]) != key
+    _call("monitor", "answer", name, "--false", "--by", "ann", "--reason", "was the coolant", "-w", plant / "ws")
+    assert workspace.run_key(MACHINE, [digest]) == key
+
+
+def test_an_answer_to_an_alarm_that_nobody_raised_says_how_to_see_the_alarms(plant):
+    with pytest.raises(RegistryError, match="pido monitor PART"):
+        _call("monitor", "answer", "nothing", "--true", "--by", "a", "--reason", "b", "-w", plant / "ws")
+
+
+def test_a_line_that_a_dying_process_left_unfinished_is_no_part_of_the_book(tmp_path):
+    book = Book(Workspace.open(tmp_path), "m1")
+    book.verdict({"part": "a", "digest": "d1", "machine": "m1", "good": True, "alarms": []})
+    with book.path.open("a") as handle:
+        handle.write('{"kind": "verdict", "part": "b"')
+    book.verdict({"part": "c", "digest": "d3", "machine": "m1", "good": True, "alarms": []})
+    assert [r["part"] for r in book.records()] == ["a", "c"]
+
+
+def _csv(folder: Path, path: Path) -> int:
+    from pido.recordings import read_recording
+
+    recording = read_recording(folder)
+    names = list(recording.columns)
+    with path.open("w", newline="") as handle:
+        writer = csv.writer(handle)
+        writer.writerow(names)
+        writer.writerows(zip(*(recording[name] for name in names), strict=True))
+    return len(recording)
+
+
+def test_a_growing_file_is_followed_to_its_end_and_its_jump_is_seen_as_it_happens(plant, tmp_path):
+    from pido.supervision.stream import follow_file
+
+    whole = tmp_path / "whole.csv"
+    count = _csv(plant / "bad", whole)
+    live = tmp_path / "live.csv"
+    text, place, now = whole.read_bytes(), [0], [0.0]
+
+    def recorder(seconds: float) -> None:
+        """Writes on while the reader waits, and stops in the middle of lines."""
+        now[0] += seconds
+        live.write_bytes(text[: place[0]])
+        place[0] += 20_011
+
+    events = list(
+        follow_file(
+            Workspace.open(plant / "ws"), live, machine=MACHINE, idle_s=0.5, sleep=recorder, clock=lambda: now[0]
+        )
+    )
+    start, end = json.loads((plant / "when.json").read_text())
+    jump = next(e for e in events if e["kind"] == "alarm" and e["axis"] == "x" and start <= e["t_end"] <= end)
+    assert jump["t_end"] < start + 0.6
+    assert events[-1]["kind"] == "end"
+    assert events[-1]["samples"] == count
+    assert not events[-1]["good"]
+
+
+def test_a_file_without_what_a_model_needs_is_refused_with_the_names_of_the_columns(plant, tmp_path):
+    from pido.core.errors import RecordingError
+    from pido.supervision.stream import follow_file
+
+    live = tmp_path / "live.csv"
+    live.write_text("time,v_x,curr_x\n0.0,1.0,2.0\n")
+    with pytest.raises(RecordingError, match="f_x_sim"):
+        list(follow_file(Workspace.open(plant / "ws"), live, machine=MACHINE, idle_s=0.0))
+
+
+def test_the_page_of_a_judged_part_is_small_shows_its_alarms_and_does_not_run_what_a_name_says(plant):
+    from dataclasses import replace
+
+    judgement = monitor(Workspace.open(plant / "ws"), str(plant / "bad"))
+    html = render(monitor_page(replace(judgement, part="<script>alert(1)</script>")))
+    assert "<script>alert(1)" not in html
+    assert len(html.encode()) < 3e6
+    assert judgement.alarms[0].id in html
+    assert NO_SAFETY_STOP in html.replace("&#39;", "'")
