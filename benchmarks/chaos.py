@@ -21,7 +21,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ import click
 from pido import plain, production
 from pido.recordings.folder import write_folder
 from pido.store import Store
-from pido.tracking import audit, bundle, promotion
+from pido.tracking import bundle, promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
@@ -108,40 +108,10 @@ class Storm:
         return self._repeated("half copied, in a batch", count, self._one_torn)
 
     def promotions(self, count: int) -> Outcome:
-        """kill -9 during approvals and rollbacks: either the old or the new version is in force, whole."""
+        """kill -9 during approvals and rollbacks, on the versions that the parts brought."""
         place = self._finished()
-        versions = [v.version for v in Ledger(place.ledger).versions(self.machine) if v.gate.get("passed")][-2:]
-        for version in versions:
-            promotion.approve(place, self.machine, version, by="chaos", reason="before the faults")
-        seconds = self._time_of(lambda: self._swap(place, versions))
-        hits, whole = 0, True
-        while hits < count:
-            process = start_process(lambda: self._swap(place, versions), self._log())
-            time.sleep(self.rng.uniform(0, 1.2 * seconds))
-            hits += killed(process)
-            found = promotion.champion_bundle(place, self.machine)
-            record = promotion.champion(place, self.machine)
-            whole &= found is not None and record is not None and record.version in versions
-            history = promotion.history(place, self.machine)
-            whole &= len({r.hash for r in history}) == len(history) and history[-1] == record
-        # The last one goes through without a fault.
-        self._swap(place, versions)
-        chain = audit.read(place.registry / self.machine / "audit.jsonl")
-        whole &= chain[-1] == promotion.champion(place, self.machine)
-        return Outcome("kill -9 of a promotion", hits, hits, 0, 0, whole and state(place, self.machine) == self.calm)
-
-    def _swap(self, place: Workspace, versions: Sequence[int]) -> None:
-        """The other of two versions into force (only versions whose gate passed)."""
-        now = promotion.champion(place, self.machine)
-        if now is not None and now.version == versions[-1] and len(versions) > 1:
-            promotion.rollback(place, self.machine, by="chaos", reason="back")
-        else:
-            promotion.approve(place, self.machine, versions[-1], by="chaos", reason="forth")
-
-    def _time_of(self, work: Attempt) -> float:
-        start = time.monotonic()
-        ended(start_process(work, self._log()))
-        return time.monotonic() - start
+        found = promotions(place, self.machine, count, self.rng, self._log())
+        return replace(found, same=found.same and state(place, self.machine) == self.calm)
 
     def _finished(self) -> Workspace:
         place = self.workspace()
@@ -237,6 +207,42 @@ class Storm:
 
     def _log(self) -> Path:
         return self.root / "attempts.log"
+
+
+def promotions(place: Workspace, machine: str, count: int, rng: random.Random, log: Path) -> Outcome:
+    """kill -9 during approvals and rollbacks: the old or the new version is in force, whole, and on record once.
+
+    Lost: decisions in force that the history does not have. Doubled: records that it has twice.
+    """
+    versions = [v.version for v in Ledger(place.ledger).versions(machine) if v.gate.get("passed")]
+    if not versions:
+        raise RuntimeError("no version passed its gate: nothing to promote")
+
+    def swap() -> None:
+        now = promotion.champion(place, machine)
+        if now is not None and now.version == versions[-1] and len(versions) > 1:
+            promotion.rollback(place, machine, by="chaos", reason="back")
+        else:
+            promotion.approve(place, machine, versions[-1], by="chaos", reason="forth")
+
+    promotion.approve(place, machine, versions[0], by="chaos", reason="before the faults")
+    start = time.monotonic()
+    if not ended(start_process(swap, log)):
+        raise RuntimeError(f"a promotion without a fault did not end well:\n{log.read_text()[-2000:]}")
+    seconds = time.monotonic() - start
+    hits = lost = doubled = 0
+    whole = True
+    while hits < count:
+        process = start_process(swap, log)
+        time.sleep(rng.uniform(0, 1.2 * seconds))
+        hits += killed(process)
+        bundle_in_force, record = promotion.champion_bundle(place, machine), promotion.champion(place, machine)
+        history = promotion.history(place, machine)
+        whole &= bundle_in_force is not None and record is not None and record.version in versions
+        lost += record not in history
+        doubled += len(history) - len({r.hash for r in history})
+    whole &= ended(start_process(swap, log))  # the next decision needs no hand work
+    return Outcome("kill -9 of a promotion", hits, hits, lost, doubled, whole)
 
 
 def take(place: Workspace, folder: Path) -> None:
