@@ -9,7 +9,7 @@ export DO_NOT_TRACK = 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export MLFLOW_DISABLE_TELEMETRY = true
 
-.PHONY: setup demo test test-slow bench lint lock docs plant clean
+.PHONY: setup demo test test-slow bench lint lock docs plant chaos clean
 
 setup: $(READY)
 
@@ -46,6 +46,9 @@ lock:
 
 plant: $(READY)
 	$(BIN)/python -m deploy.plant
+
+chaos: $(READY)
+	OMP_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m benchmarks.chaos
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info
