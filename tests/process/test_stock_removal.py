@@ -192,7 +192,7 @@ def test_what_is_removed_is_missing_and_cutting_again_removes_next_to_nothing(se
     removal = remove(part, points, np.zeros(len(points), int), (Tool("t", 6.0, 2, kind),))
     assert before - part.volume == pytest.approx(removal.volume.sum(), rel=1e-4, abs=0.02)
     again = remove(part, points, np.zeros(len(points), int), (Tool("t", 6.0, 2, kind),))
-    assert again.volume.sum() + again.before_start <= 3e-3 * removal.volume.sum() + 0.05
+    assert again.volume.sum() + again.before_start <= 5e-3 * removal.volume.sum() + 0.05
     assert (removal.side >= 0).all()
     assert (removal.end >= 0).all()
 
