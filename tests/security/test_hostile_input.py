@@ -43,8 +43,8 @@ def test_pickled_objects_in_a_parquet_file_are_never_opened(tmp_path):
     trap = pickle.dumps(_Trap(sprung))
     columns = {"time": [0.0, 0.02], "curr_x": pa.array([trap, trap], pa.binary())}
     table = pa.table(columns).replace_schema_metadata({"pandas": trap, "pido": trap})
-    about = json.dumps({"schema": "pido.part/1", "part": "p", "machine": "m"})
-    with pytest.raises(PidoError):
+    about = json.dumps({"part": "p", "machine": "m"})
+    with pytest.raises(PidoError, match="curr_x"):
         read_recording(part_folder(tmp_path / "p", about, table), machine="m")
     assert not sprung.exists()
 
