@@ -88,10 +88,13 @@ def _plot(judgement: Judgement, axis: str) -> figure:
     plot = signal_figure(f"Axis {axis}", "time, s", "current, A", 260)
     edges = np.linspace(0, len(part.time), min(MOST_STRETCHES, len(part.time)) + 1).astype(int)
     at = part.time[edges[:-1]]
-    plot.varea(
-        at, _each(low, edges, np.fmin), _each(high, edges, np.fmax),
-        color=COLOURS["band"], alpha=0.35, legend_label="band",
-    )  # fmt: skip
+    lowest, highest = _each(low, edges, np.fmin), _each(high, edges, np.fmax)
+    known = np.isfinite(lowest) & np.isfinite(highest)
+    # One area per stretch: a single one would be drawn across the pauses, where nothing is judged.
+    for run in np.split(np.arange(len(at)), np.flatnonzero(np.diff(known.astype(int))) + 1):
+        if known[run[0]]:
+            x, bottom, top = at[run], lowest[run], highest[run]
+            plot.varea(x, bottom, top, color=COLOURS["band"], alpha=0.35, legend_label="band")
     for label, values, colour, dash in (
         ("expected", said, COLOURS["corrected"], "dashed"),
         ("recorded", recorded, COLOURS["recorded"], "solid"),
