@@ -17,7 +17,7 @@ from prefect.input import RunInput
 
 from pido.core.errors import RegistryError
 from pido.tracking import mirror, promotion
-from pido.workspace import Workspace
+from pido.workspace import Workspace, digest_of
 
 WAIT_S = 30 * 86400
 
@@ -45,7 +45,7 @@ def promote(workspace: str, machine: str, version: int) -> dict[str, Any]:
     answer = suspend_flow_run(
         wait_for_input=Decision.with_initial_data(description=page, approve=False, by="", reason=""),
         timeout=WAIT_S,
-        key=f"{machine}-{version}",
+        key=digest_of([machine, version])[:16],  # Prefect's keys take no spaces, slashes or umlauts
     )
     decide = promotion.approve if answer.approve else promotion.reject
     record = decide(place, machine, version, by=answer.by, reason=answer.reason)
