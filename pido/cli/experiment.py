@@ -6,7 +6,9 @@ from pathlib import Path
 
 import click
 
-NAMES = ("importance", "weighting", "shares", "local-vs-global", "ablation", "rivals")
+NAMES = ("importance", "weighting", "shares", "local-vs-global", "ablation", "rivals", "concealed", "real-mismatch")
+PROOFS = ("concealed", "real-mismatch")
+"""Not of the paper: what the mismatch finder is worth, on sealed cases and on real recordings."""
 
 
 @click.command(name="experiment")
@@ -34,19 +36,24 @@ NAMES = ("importance", "weighting", "shares", "local-vs-global", "ablation", "ri
     help="folder for results and report",
 )  # fmt: skip
 @click.option("--resume/--fresh", default=True, show_default=True, help="use what the folder holds already")
+@click.option("--cases", type=click.IntRange(1), help="of 'concealed'; 300 where not given, a few with --quick")
 @click.option("--json", "as_json", is_flag=True, help="print verdict and tables as JSON")
 def command(
     name: str, data: tuple[str, ...], repeats: int | None, quick: bool, seed: int, workers: int | None,
-    cluster: str | None, machine: str | None, job_file: Path | None, estimators: str, out: Path, resume: bool, as_json: bool,
+    cluster: str | None, machine: str | None, job_file: Path | None, estimators: str, out: Path, resume: bool,
+    cases: int | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Run an experiment of the paper, on any recordings, and see its figures beside the published ones.
 
-    importance, weighting, shares, local-vs-global and ablation are the paper's; rivals goes past it. A run that was
-    stopped continues where it was; more repeats add to those that are there.
+    importance, weighting, shares, local-vs-global and ablation are the paper's; rivals goes past it. concealed and
+    real-mismatch prove the mismatch finder, on sealed cases and on published recordings. A run that was stopped
+    continues where it was; more repeats add to those that are there.
 
     \b
     pido experiment local-vs-global --data recordings/ --out results
     pido experiment ablation --data worn --data newer --repeats 30 --workers 4
+    pido experiment concealed --cases 40 --seed 1 --workers 2 --out results
+    pido experiment real-mismatch --data recordings/
     """
     import json
     import os
@@ -57,6 +64,9 @@ def command(
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
 
+    if name in PROOFS:
+        _prove(name, data, out / name, cases, seed, workers or os.cpu_count() or 1, quick, resume, as_json)
+        return
     job = None if job_file is None else load_job(job_file)
     told = []
     for source in data or ("worn",):
@@ -69,7 +79,7 @@ def command(
             )  # fmt: skip
         outcome, fleet = result.outcome, result.fleet
         facts = (
-            f"{fleet.name}: {len(fleet.sets)} sets, {sum(map(len, fleet.sets.values()))} rows, machine {fleet.machine.id}",
+            f"{fleet.name}: {len(fleet.sets)} sets, {sum(map(len, fleet.sets.values()))} rows, machine {fleet.machine.id}",  # noqa: E501
             f"repeats {result.options.repeats}, seed {seed}, estimators {estimators}{', quick' if quick else ''}; "
             f"{result.units} units, {result.found} of them from an earlier run",
             *fleet.notes,
@@ -94,6 +104,53 @@ def command(
             click.echo(f"{title}\n{table.to_string(index=False, float_format=lambda v: f'{v:.4g}')}\n")
     if as_json:
         click.echo(json.dumps(told, indent=1))
+
+
+def _prove(
+    name: str, data: tuple[str, ...], folder: Path, cases: int | None, seed: int, workers: int, quick: bool,
+    resume: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """One of the tool's own proofs: run, page, tables."""
+    import json
+    import shutil
+
+    from pido.cli.progress import Progress
+    from pido.reports.experiment import experiment_page
+    from pido.reports.page import write_page
+
+    if not resume:
+        shutil.rmtree(folder / "rows", ignore_errors=True)
+    with Progress(name) as progress:
+        if name == "concealed":
+            from pido.experiments import concealed
+            from pido.experiments.concealed_rivals import RIVALS
+
+            count = cases or (4 if quick else 300)
+            solvers = concealed.solvers_named((concealed.TOOL, *(("lasso",) if quick else RIVALS)))
+            table = concealed.run(
+                concealed.plan(count, seed), folder, solvers=solvers, workers=workers, on_progress=progress
+            )
+            outcome, title = concealed.summarise(table), "Concealed effects"
+            facts = [f"{count} cases, seed {seed}{', quick' if quick else ''}; all rows in cases.parquet"]
+        else:
+            from pido.experiments import real_mismatch
+
+            if len(data) != 1:
+                raise click.UsageError("real-mismatch needs the folder of the published recordings: --data DIR")
+            outcome = real_mismatch.run(Path(data[0]), quick=quick, seed=seed, on_progress=progress)
+            title = "Real machines"
+            facts = [f"recordings in {Path(data[0]).name}, seed {seed}"]
+    tables = [(shown.title, shown.table, shown.text) for shown in outcome.tables]
+    page = experiment_page(title, "proof of the mismatch finder", outcome.verdict, tables, outcome.differs, facts)
+    write_page(page, folder / "report.html")
+    click.echo(f"report: {folder / 'report.html'}", err=True)
+    if as_json:
+        told = {t: json.loads(table.to_json(orient="records")) for t, table, _ in tables}
+        click.echo(json.dumps({"experiment": name, "verdict": outcome.verdict, "tables": told}, indent=1))
+        return
+    click.echo(f"{outcome.verdict}\n")
+    for shown, table, _ in tables[:3]:
+        click.echo(f"{shown}\n{table.to_string(index=False)}\n")
 
 
 def _folder_name(source: str) -> str:

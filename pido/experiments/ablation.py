@@ -3,6 +3,9 @@
 In:  a fleet. Out: errors of models trained on real rows, with PiA, with PiE, with both (as printed), and as PiDO is
      delivered; each beside its baseline, a null (another model seed) among them.
 """
+# pandas annotates groupby and pivots wider than they are
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportOperatorIssue=false, reportReturnType=false, reportGeneralTypeIssues=false, reportAssignmentType=false
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ import pandas as pd
 from pido.experiments import paper
 from pido.experiments.base import Experiment, Options, Outcome, Rows, Shown, Unit
 from pido.experiments.cells import FILES, RANDOM, SCENARIOS, TIME, cells, inner_space
-from pido.experiments.compare import by_step, counts, means, over_axes, changes_tested
+from pido.experiments.compare import by_step, changes_tested, counts, means, over_axes
 from pido.experiments.data import Fleet
 from pido.experiments.score import score
 from pido.experiments.variants import BASELINE, DELIVERED, PRINTED, Memory, tell
@@ -92,7 +95,7 @@ def summarise(table: pd.DataFrame) -> Outcome:
     few = mean[(mean.variant == "PiDO") & (mean.space == "C") & mean.step.between(10, 40) & (mean.scenario != FILES)]
     verdict = (
         f"PiDO as delivered: {pido['worse, corrected']} significant deterioration(s) and {pido['better, corrected']} "
-        f"significant improvement(s) in {pido['cells']} cells after Holm's correction; mean change of RMSE at 10 to 40 % "
+        f"significant improvement(s) in {pido['cells']} cells after Holm's correction; mean change of RMSE at 10 to 40 % "  # noqa: E501
         f"of a file {few.change.mean():+.1f} % (positive is better)."
     )
     return Outcome(

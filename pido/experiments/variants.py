@@ -8,7 +8,7 @@ All variants of a family have the same rows, model, inputs and model seed, so th
   as delivered  13 inputs and held directions, all real rows; `Method()`, and each rival in the same bins with the counts
                 that eq. 16 asks for
 `real, other seed` and `real + direction, other seed` are the nulls: nothing but the model's seed differs.
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ geometric_smote  in a sphere around a row of the bin, whose radius is the distan
                  (Camacho, Douzas, Bacao, Expert Syst. Appl. 193, 2022)
 smogn            rows with rare currents, axis by axis: SMOTE towards a near neighbour, noise where there is only a far one
                  (Branco, Torgo, Ribeiro, PMLR 74, 2017)
-"""
+"""  # noqa: E501
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def test_first_rows_grow_in_time_and_random_rows_are_nested(fleet):
         assert [len(c.train) for c in steps] == [36, 180, 360]
         assert set(steps[0].train.row) < set(steps[1].train.row)
         assert steps[0].trained_on != steps[0].tested_on
-    assert list(cells(fleet, TIME, 0, 0, (10,)))[0].train.row.tolist() == list(range(36))
+    assert next(iter(cells(fleet, TIME, 0, 0, (10,)))).train.row.tolist() == list(range(36))
 
 
 def test_files_are_added_one_by_one_and_the_next_one_tests(fleet):

@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from pido.experiments.compare import counts, differences, changes_tested
+from pido.experiments.compare import changes_tested, counts, differences
 from pido.experiments.significance import corrected, paired_p
 
 
