@@ -30,6 +30,7 @@ from pido.core.errors import FitError
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, REAL, Samples
 from pido.equations.choose import AxisEquations
+from pido.equations.terms import TermSet
 from pido.feature_space.density import balance as evenness
 from pido.feature_space.density import occupancy, relevant_bins
 from pido.feature_space.grid import Grid
@@ -59,6 +60,7 @@ class Recipe:
     method: Method = field(default_factory=Method)
     estimators: str = "default"
     inputs: InputKind = "extended"
+    extended: tuple[TermSet, ...] = ()  # equations with accepted physics
 
 
 PAPER = Recipe(PAPER_METHOD, estimators="paper", inputs="paper")
@@ -174,7 +176,10 @@ def refit(real: Samples, machine: Machine, recipe: Recipe, seed: int) -> Adaptat
     def train(rows: Samples, weights: Float2D) -> Callable[[Samples], Float2D]:
         return AxisModels.fit(rows, weights, choice=recipe.estimators, inputs=recipe.inputs, seed=seed).predict
 
-    return adapt(real, machine, recipe.method, train=train, model_error=model_error, rng=np.random.default_rng(seed))
+    return adapt(
+        real, machine, recipe.method, train=train, model_error=model_error, extended=recipe.extended,
+        rng=np.random.default_rng(seed),
+    )  # fmt: skip
 
 
 def balance(

@@ -16,6 +16,7 @@ import logging
 import shutil
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pido import iteration
+from pido import accepted, iteration
 from pido.core.axes import AXES
 from pido.core.columns import INPUTS
 from pido.core.errors import StoreError
@@ -63,7 +64,9 @@ class _Place:
         except OSError:
             raise StoreError(f"{self.folder}: no such iteration is on its way; begin it first.") from None
         self.machine: Machine = machine_of(self.workspace, self.plan["machine"])
-        self.recipe: Recipe = recipe_of(self.workspace)
+        self.accepted = accepted.terms(self.workspace, self.machine)
+        recipe = recipe_of(self.workspace)
+        self.recipe: Recipe = replace(recipe, extended=accepted.term_sets(self.accepted, recipe.method.adaptive))
         self.seed = self.workspace.settings.seed
 
     def parts(self, which: str) -> list[str]:
@@ -87,7 +90,7 @@ class _Place:
         return samples_of(self.workspace, self.plan["part"] if which == BEFORE else self.plan["parts"][-1])
 
     def adaptation(self, which: str) -> Adaptation:
-        return equation_files.load((self.folder / f"adaptation-{which}.npz").read_bytes(), self.machine)
+        return equation_files.load((self.folder / f"adaptation-{which}.npz").read_bytes(), self.machine, self.accepted)
 
     def weights(self, which: str) -> np.ndarray:
         """(n, 4): of the generated rows in the loss."""
@@ -267,6 +270,7 @@ def publish(place: _Place) -> None:
         "balance": place.facts(f"balance-{ALL}"),
         "metrics": found["metrics"],
         "gate": found["gate"],
+        "physics": _physics(place),
         "seconds": {f.stem.removeprefix("seconds-"): json.loads(f.read_text())["seconds"]
                     for f in sorted(place.folder.glob("seconds-*.json"))},
     }  # fmt: skip
@@ -277,6 +281,20 @@ def publish(place: _Place) -> None:
         {k: summary[k] for k in ("part", "metrics", "gate", "balance")} | {"n_parts": len(plan["parts"])},
     )  # fmt: skip
     log_.info("%s: version %d, %d part(s)", name, version, len(plan["parts"]))
+
+
+def _physics(place: _Place) -> dict[str, Any]:
+    """Accepted physics in force, and per axis the held-out RMSE in A of the best equation without and with it."""
+    choice = place.adaptation(ALL).choice
+    names = {term.name for term, _ in place.accepted}
+    gain: dict[str, dict[str, float]] = {}
+    with_it = np.array([any(f"+{n}" in tried for n in names) for tried in choice.tried], bool)
+    if with_it.any():
+        for i, axis in enumerate(AXES):
+            near = choice.scores[0, :, i]
+            if np.isfinite(near[with_it]).any() and np.isfinite(near[~with_it]).any():
+                gain[axis] = {"without": float(np.nanmin(near[~with_it])), "with": float(np.nanmin(near[with_it]))}
+    return {"accepted": sorted(names), "held_out": gain}
 
 
 STAGES: tuple[Stage, ...] = (bins, refit, balance, retrain, evaluate, publish)

@@ -211,6 +211,7 @@ class Workspace:
                 "seed": self.settings.seed,
                 "code": code_version(),
                 **({"excluded": excluded} if excluded else {}),
+                **({"physics": physics} if (physics := self.physics_digest(machine)) else {}),
             }
         )
 
@@ -221,6 +222,15 @@ class Workspace:
             return json.loads((self.monitor / file_name(machine) / "excluded.json").read_text(encoding="utf-8"))
         except FileNotFoundError:
             return {}
+
+    def physics_digest(self, machine: str) -> str:
+        """Of the accepted physics of a machine (`pido.accepted`), '' where none is in force."""
+        journal = self.registry / f"{file_name(machine)}-physics.jsonl"
+        if not journal.exists():
+            return ""
+        last = {entry["id"]: entry for entry in map(json.loads, journal.read_text(encoding="utf-8").splitlines())}
+        now = [entry["term"] for entry in last.values() if entry["action"] == "accept"]
+        return digest_of(now) if now else ""
 
     def locked(self, name: str) -> bool:
         """Whether a living process holds the lock `name`."""

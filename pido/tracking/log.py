@@ -198,6 +198,8 @@ def _metrics(summary: dict[str, Any]) -> dict[str, float]:
     values |= {f"balance/{k}": summary["balance"][k] for k in ("before", "after", "relevant_bins")}
     values |= {f"rows/{name}": d["rows"] for name, d in summary["data"].items()}
     values |= {f"seconds/{name}": s for name, s in summary["seconds"].items()}
+    for axis, error in summary.get("physics", {}).get("held_out", {}).items():
+        values |= {f"accepted_physics_{axis}/{which}": rmse for which, rmse in error.items()}
     return {name: float(value) for name, value in values.items() if value is not None}
 
 

@@ -1,0 +1,209 @@
+"""Accepted physics: findings of a diagnosis that extend the physical equation of a machine, until they are revoked.
+
+In:  a folder that `pido diagnose` wrote, who accepts which finding, and why.
+Out: the journal `registry/<machine>-physics.jsonl` of a workspace (append-only; each line one version), and what is in
+     force as terms that the equations, and PiA and PiE with them, are fitted with.
+
+Rows to learn from know the 13 inputs and the direction of each axis' last motion, and generated rows nothing else. A
+finding that needs more (a position, a clock, the way since a reversal) is refused with its reason: it stays a
+correction (`pido correct`), because no row could be generated for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pido.core.arrays import Float2D
+from pido.core.axes import AXES, LINEAR_AXES
+from pido.core.columns import INPUTS
+from pido.core.errors import DiagnosisError, RegistryError
+from pido.core.machining import Machine
+from pido.core.names import file_name
+from pido.core.samples import Samples
+from pido.diagnosis.contract import read_model
+from pido.diagnosis.models import axis_models
+from pido.diagnosis.state import AxisState, Motion
+from pido.diagnosis.terms import Term
+from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
+from pido.workspace import Workspace, write_atomically
+
+INSTANT = (
+    "coulomb_friction", "viscous_friction", "stribeck_friction", "standstill_friction", "friction_asymmetry",
+    "load_dependent_friction", "inertia", "gravity_load", "axis_coupling", "cutting_force", "spindle_viscous_drag",
+    "spindle_windage", "spindle_inertia", "spindle_torque_load",
+)  # fmt: skip
+"""Mechanisms that follow from the 13 inputs and the held directions of one row alone."""
+_AT = {name: k for k, name in enumerate(INPUTS)}
+
+
+@dataclass(frozen=True)
+class AcceptedTerm:
+    """A finding as a term of the equation (`pido.equations.terms.ExtraTerm`).
+
+    bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
+    """
+
+    name: str
+    axis: str
+    term: Term
+    bands: tuple[float, ...]
+
+    def columns(self, samples: Samples) -> Float2D:
+        """(n, k), A per unit of the finding's amplitudes; the fit finds these anew."""
+        return self.term.of_part(_state(samples, self.axis, self.bands)).T
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the journal. action : 'accept' or 'revoke'; id : the same finding has the same one."""
+
+    version: int
+    action: str
+    id: str
+    axis: str
+    mechanism: str
+    by: str
+    reason: str
+    at: str
+    term: dict[str, Any]
+    equation: str
+    model: str  # SHA-256 of the model.json that it comes from
+
+
+def accept(workspace: Workspace, machine: str, folder: Path, number: int, *, by: str, reason: str) -> Entry:
+    """Accept finding `number` (from 1, as in diagnosis.json). What is in force already stays as it is.
+
+    Raises DiagnosisError for a finding that is not there or cannot extend an equation.
+    """
+    term, about, digest = _finding(folder, number)
+    id = hashlib.sha256(json.dumps([about["axis"], term], sort_keys=True).encode()).hexdigest()[:8]
+    with workspace.lock(machine):
+        entries = journal(workspace, machine)
+        there = next((e for e in in_force(entries) if e.id == id), None)
+        if there is not None:
+            return there
+        entry = Entry(
+            len(entries) + 1, "accept", id, about["axis"], about["mechanism"], by, reason, _now(), term,
+            about["equation"], digest,
+        )  # fmt: skip
+        _write(workspace, machine, [*entries, entry])
+    return entry
+
+
+def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str) -> Entry:
+    """Take a finding out of force. RegistryError lists what is in force where `id` is not."""
+    with workspace.lock(machine):
+        entries = journal(workspace, machine)
+        now = in_force(entries)
+        found = next((e for e in now if e.id == id), None)
+        if found is None:
+            known = ", ".join(f"{e.id} ({e.axis} {e.mechanism})" for e in now) or "nothing"
+            raise RegistryError(f"machine '{machine}': '{id}' is not in force; in force: {known}.")
+        entry = replace(found, version=len(entries) + 1, action="revoke", by=by, reason=reason, at=_now())
+        _write(workspace, machine, [*entries, entry])
+    return entry
+
+
+def journal(workspace: Workspace, machine: str) -> list[Entry]:
+    """All that was ever accepted and revoked, oldest first."""
+    try:
+        lines = _path(workspace, machine).read_text(encoding="utf-8").splitlines()
+        return [Entry(**json.loads(line)) for line in lines]
+    except FileNotFoundError:
+        return []
+    except (ValueError, TypeError):
+        raise RegistryError(f"{_path(workspace, machine)}: unreadable; bring it back from a backup.") from None
+
+
+def in_force(entries: Sequence[Entry]) -> list[Entry]:
+    """What was accepted and not revoked since, oldest first."""
+    last = {e.id: e for e in entries}
+    return sorted((e for e in last.values() if e.action == "accept"), key=lambda e: e.version)
+
+
+def terms(workspace: Workspace, machine: Machine) -> tuple[tuple[AcceptedTerm, int], ...]:
+    """What is in force, as terms with their number of columns."""
+    bands = tuple(machine.dead_band(axis) for axis in AXES)
+    found = []
+    for e in in_force(journal(workspace, machine.id)):
+        alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [e.term]}
+        model = axis_models({"axes": {e.axis: alone}})[e.axis]
+        term, amplitudes = model.terms[0], model.amplitudes[0]
+        found.append((AcceptedTerm(f"{e.axis} {e.mechanism} {e.id}", e.axis, term, bands), len(amplitudes)))
+    return tuple(found)
+
+
+def term_sets(accepted: Sequence[tuple[AcceptedTerm, int]], adaptive: bool) -> tuple[TermSet, ...]:
+    """The shipped equations (as printed: the paper's alone), each with all accepted physics in it."""
+    if not accepted:
+        return ()
+    sets = (HELD_SMALL, HELD, PAPER_HELD) if adaptive else (PAPER,)
+    for term, size in accepted:
+        sets = tuple(s.extended(term, size) for s in sets)
+    return sets
+
+
+def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any], str]:
+    """Term, finding and digest of the model behind it."""
+    path = folder / "diagnosis.json"
+    try:
+        findings = json.loads(path.read_text(encoding="utf-8"))["findings"]
+    except (OSError, ValueError, KeyError):
+        raise DiagnosisError(
+            f"{path}: no diagnosis can be read there. Run 'pido diagnose PART ... --out DIR'."
+        ) from None
+    if not 1 <= number <= len(findings):
+        raise DiagnosisError(f"{path}: there is no finding {number}; it has {len(findings)}, counted from 1.")
+    about = findings[number - 1]
+    name = f"{about['axis']} {about['mechanism']}"
+    if about["kind"] == "data_fault":
+        raise DiagnosisError(f"{path}: {name} is a fault of the data, no physics. Put the recording right instead.")
+    model = read_model(folder)
+    axis_models(model)  # what this version does not know is said here, not in the next iteration
+    own = [t for t in model["axes"][about["axis"]]["terms"] if t["name"] == about["mechanism"]]
+    if not own or own[0]["mechanism"]["id"] not in INSTANT:
+        raise DiagnosisError(
+            f"{path}: {name} depends on more than the 13 inputs and the direction of motion (a place, a time, what "
+            "was before), so no row can be generated with it. Use it as a correction: pido correct."
+        )
+    return own[0], about, hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
+
+
+def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:
+    """The state of one axis as far as rows know it; rows stand for themselves, in no order."""
+    n, get = len(samples), {name: samples.inputs[:, k] for name, k in _AT.items()}
+    far = np.full(n, np.inf)
+    motions = {
+        a: Motion(get[f"v_{a}"], get[f"a_{a}"], samples.direction[:, k], np.abs(get[f"v_{a}"]) > bands[k])
+        for k, a in enumerate(AXES)
+    }
+    own = motions.pop(axis)
+    forces = {a: get[f"f_{a}_sim"] for a in LINEAR_AXES}
+    return AxisState(
+        axis=axis, part="", time=np.arange(n, dtype=float), dt=0.0, pos=None, v=own.v, a=own.a, held=own.held,
+        moving=own.moving, since_reversal=far, since_reversal_s=far, segment=np.zeros(n), others=motions,
+        force=forces.get(axis), force_perp=np.sqrt(sum(f**2 for a, f in forces.items() if a != axis)),
+        m_sp=get["m_sp_sim"], mrr=get["mrr_sim"], ar=samples.ar, engaged=get["mrr_sim"] > 0,
+        usable=np.ones(n, bool),
+    )  # fmt: skip
+
+
+def _path(workspace: Workspace, machine: str) -> Path:
+    return workspace.registry / f"{file_name(machine)}-physics.jsonl"
+
+
+def _write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:
+    lines = [json.dumps(e.__dict__, sort_keys=True) for e in entries]
+    write_atomically(_path(workspace, machine), "\n".join(lines) + "\n")
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

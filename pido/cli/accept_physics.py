@@ -1,0 +1,50 @@
+"""`pido accept-physics DIAGNOSIS_DIR --finding K`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pido.cli.places import by_option, existing, machine_option, one_machine, reason_option, workspace_option
+
+
+@click.command(name="accept-physics")
+@click.argument("diagnosis", required=False, type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.option("--finding", type=click.IntRange(1), help="its number in diagnosis.json, from 1")
+@click.option("--revoke", metavar="ID", help="take an accepted finding out of force")
+@by_option
+@reason_option
+@workspace_option
+@machine_option
+def command(
+    diagnosis: Path | None,
+    finding: int | None,
+    revoke: str | None,
+    by: str,
+    reason: str,
+    folder: Path,
+    machine: str | None,
+) -> None:
+    """Extend the physical equation of a machine with a finding: the next iterations fit and generate with it.
+
+    Every acceptance and revocation is a line of the workspace's journal. `pido iterate` without parts retrains at once;
+    the run in MLflow then says what the extended equation gained on rows left out.
+
+    \b
+    pido accept-physics diagnosis --finding 1 --by "A. Ito" --reason "seen on three parts" --workspace plant
+    pido accept-physics --revoke 1f0c22ab --by "A. Ito" --reason "guideway was replaced" --workspace plant
+    """
+    from pido import accepted
+
+    if revoke is not None and (diagnosis is not None or finding is not None):
+        raise click.UsageError("give DIAGNOSIS_DIR and --finding, or --revoke ID")
+    workspace = existing(folder)
+    machine = one_machine(workspace, machine)
+    if revoke is not None:
+        entry = accepted.revoke(workspace, machine, revoke, by=by, reason=reason)
+    elif diagnosis is not None and finding is not None:
+        entry = accepted.accept(workspace, machine, diagnosis, finding, by=by, reason=reason)
+    else:
+        raise click.UsageError("give DIAGNOSIS_DIR and --finding, or --revoke ID")
+    click.echo(f"{entry.id}   {machine} {entry.axis} {entry.mechanism}   {entry.action}, version {entry.version}")

@@ -1,0 +1,99 @@
+"""A finding that somebody accepts is in the equation of the next iterations, and out of it when it is revoked."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pido import accepted, config
+from pido.core.columns import INPUTS
+from pido.core.errors import DiagnosisError, RegistryError
+from pido.core.samples import Samples
+from pido.equations.fit import fit_global
+from pido.equations.terms import PAPER
+from pido.files import equations as equation_files
+from pido.iteration import Recipe, refit
+from pido.sampling.method import PAPER_METHOD
+from pido.workspace import Workspace
+
+MACHINE = config.machine("dmc60h")
+
+
+def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", shape=None):
+    """A diagnosis of one finding on x, written as the contract has it."""
+    folder.mkdir(exist_ok=True)
+    finding = {"axis": "x", "mechanism": mechanism, "kind": kind, "equation": "dI = ..."}
+    term = {
+        "name": mechanism, "mechanism": {"id": mechanism},
+        "shape": {"v_s": 2.0, "delta": 2.0} if shape is None else shape,
+        "gates": [], "amplitudes": [0.3],
+    }  # fmt: skip
+    axis = {"noise_level": 0.05, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
+    (folder / "diagnosis.json").write_text(json.dumps({"schema": "pido.diagnosis/1", "findings": [finding]}))
+    (folder / "model.json").write_text(json.dumps({"schema": "pido.diagnosis.model/1", "axes": {"x": axis}}))
+    return folder
+
+
+def rows(n=1500, seed=0):
+    """x moves back and forth; its current is Coulomb friction and 0.3 A of Stribeck friction with v_s = 2 mm/s."""
+    rng = np.random.default_rng(seed)
+    inputs = np.zeros((n, len(INPUTS)))
+    inputs[:, 0], inputs[:, 1] = rng.uniform(-12, 12, n), rng.uniform(-12, 12, n)
+    inputs[:, :2] += 0.1 * np.sign(inputs[:, :2])  # the axis moves: within its dead band it would stand still
+    direction = np.zeros((n, 4))
+    direction[:, :2] = np.sign(inputs[:, :2])
+    currents = rng.normal(0, 0.01, (n, 4))
+    currents[:, 0] += (0.5 + 0.3 * np.exp(-((inputs[:, 0] / 2.0) ** 2))) * direction[:, 0]
+    return Samples.real(inputs, np.zeros(n), currents, direction, "p", np.arange(n))
+
+
+def test_an_accepted_finding_is_fitted_with_its_true_amplitude(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    (extended,) = accepted.term_sets(accepted.terms(place, MACHINE), adaptive=False)
+    plain, better = (fit_global(rows(), MACHINE, t).predict(rows(seed=1))[:, 0] for t in (PAPER, extended))
+    truth = rows(seed=1).currents[:, 0]
+    assert np.sqrt(np.mean((truth - better) ** 2)) < 0.011 < 0.04 < np.sqrt(np.mean((truth - plain) ** 2))
+
+
+@pytest.mark.parametrize("recipe", [Recipe(), Recipe(PAPER_METHOD)], ids=["adaptive", "paper"])
+def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_back(tmp_path, recipe):
+    place = Workspace.open(tmp_path / "plant")
+    accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    physics = accepted.terms(place, MACHINE)
+    recipe = Recipe(recipe.method, extended=accepted.term_sets(physics, recipe.method.adaptive))
+    found = refit(rows(600), MACHINE, recipe, 0)
+    assert physics[0][0].name in found.choice.near[0].terms.id
+    again = equation_files.load(equation_files.dump(found), MACHINE, physics)
+    assert again.choice.near == found.choice.near
+
+
+def test_a_state_is_known_by_the_physics_in_force(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    before = place.run_key(MACHINE.id, ["p"])
+    entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    with_it = place.run_key(MACHINE.id, ["p"])
+    same = accepted.accept(place, MACHINE.id, tmp_path / "d", 1, by="B", reason="again")
+    accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="guideway replaced")
+    assert same == entry
+    assert with_it != before == place.run_key(MACHINE.id, ["p"])
+    assert place.run_key("another", ["p"]) != before
+    assert [(e.version, e.action) for e in accepted.journal(place, MACHINE.id)] == [(1, "accept"), (2, "revoke")]
+    assert accepted.terms(place, MACHINE) == ()
+
+
+@pytest.mark.parametrize(
+    ("about", "says"),
+    [
+        ({"mechanism": "thermal_drift", "shape": {}}, "pido correct"),
+        ({"mechanism": "sensor_gain", "kind": "data_fault", "shape": {}}, "fault of the data"),
+    ],
+)
+def test_what_rows_cannot_know_or_is_no_physics_is_refused_with_a_way_out(tmp_path, about, says):
+    place = Workspace.open(tmp_path / "plant")
+    with pytest.raises(DiagnosisError, match=says):
+        accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d", **about), 1, by="A", reason="r")
+    with pytest.raises(DiagnosisError, match="no finding 2"):
+        accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 2, by="A", reason="r")
+    with pytest.raises(RegistryError, match="in force: nothing"):
+        accepted.revoke(place, MACHINE.id, "00", by="A", reason="r")
