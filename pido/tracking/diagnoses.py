@@ -1,0 +1,34 @@
+"""A diagnosis into MLflow: its files with the newest run of the machine.
+
+In:  a workspace, a machine, a folder of `pido diagnose`. Out: artifacts `diagnosis/` of that run.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pido.tracking.ledger import Ledger
+from pido.tracking.log import KEY
+from pido.tracking.mlflow_store import client, experiment, not_installed
+from pido.workspace import Workspace
+
+
+def attach(workspace: Workspace, machine: str, folder: Path) -> str:
+    """Log the files of `folder`. Returns why it was not done ('' if it was); nothing depends on it."""
+    if missing := not_installed():
+        return missing
+    from mlflow.exceptions import MlflowException
+
+    versions = Ledger(workspace.ledger).iterations(machine)
+    if not versions:
+        return f"machine '{machine}' has no iteration yet"
+    try:
+        with client(workspace) as store:
+            place = experiment(workspace, store, machine)
+            runs = store.search_runs([place], f"tags.`{KEY}` = '{versions[-1].run_key}'")
+            if not runs:
+                return "the run of the newest iteration is not in MLflow yet"
+            store.log_artifacts(runs[0].info.run_id, str(folder), "diagnosis")
+    except (MlflowException, OSError) as error:
+        return str(error).splitlines()[0]
+    return ""
