@@ -1,7 +1,8 @@
 """Two machines: one like a horizontal mill of 1997 with worn guideways, one like a newer vertical one.
 
 Constants are plausible values of each class, drawn together from makers' data sheets and from the order of magnitude
-of a published air cut (idle and friction currents, weight, acceleration); none is fitted to a recording.
+of a published air cut (idle and friction currents, weight, acceleration). Noise and
+held friction were chosen after looking at that air cut; no constant comes from an optimisation against it.
 """
 
 from __future__ import annotations
