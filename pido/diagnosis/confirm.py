@@ -18,7 +18,7 @@ from scipy import stats
 from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.diagnosis.finding import HeldOut
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch
-from pido.diagnosis.terms import Term, solve
+from pido.diagnosis.terms import Term, held_back, solve
 from pido.diagnosis.whiten import Noise
 
 _DRAWS = 400
@@ -119,9 +119,10 @@ def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold
     X, y = noise.whiten(design), noise.whiten(mismatch.target[None])[0]
     out = np.empty(mismatch.n)
     fold = mismatch.fold if fold is None else fold
+    ridge = held_back(X, len(mismatch.base), terms, columns)
     for k in np.unique(fold):
         out_rows = fold == k
-        beta, _ = solve(X[:, ~out_rows], y[~out_rows])
+        beta, _ = solve(X[:, ~out_rows], y[~out_rows], ridge)
         out[out_rows] = mismatch.target[out_rows] - beta @ design[:, out_rows]
     return out
 

@@ -28,10 +28,12 @@ from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_findin
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Finding, PartSeries, Rejected
 from pido.diagnosis.identify import (
+    SIGNIFICANT_NAME,
     Answer,
     candidates,
     confirm,
     first_noise,
+    likelier,
     noise_of,
     plainest,
     rivals_of,
@@ -221,6 +223,15 @@ def search(look: _Look, rng: np.random.Generator, axes: int, timed: bool) -> Ans
     terms = plainest(library, noise, terms)
     questions = axes * len({t.name for t in library.terms})
     terms = confirm(library, noise, terms, answer, questions)
+    # Where two mechanisms shared one effect, the one that stayed need not be the likelier.
+    other = likelier(library, noise, terms)
+    if other != terms:
+        trial = Answer(mismatch.axis)
+        if len(confirm(library, noise, other, trial, questions, SIGNIFICANT_NAME)) == len(terms):
+            taken = {t.name for t in other}
+            kept = [r for r in answer.rejected if r.mechanism not in taken]
+            terms, answer.rejected = other, kept
+            answer.p_values, answer.q_values = trial.p_values, trial.q_values
     if terms and not timed:
         library = Library(mismatch, rivals, _any_sign(look.inside))
     library.whiten(noise)
@@ -258,6 +269,10 @@ def _settle(
         equation,
         (0.0, 0.0) if delay is None or full.base_names else (delay.offset, delay.drift),
         dict(limits),
+        largest=tuple(
+            float(np.max(np.abs(a @ t.columns(full.states)), initial=0.0))
+            for t, a in zip(terms, found.fit.amplitudes, strict=True)
+        ),
     )
     recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
     findings = []

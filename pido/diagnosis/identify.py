@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.diagnosis.confirm import cross_residual, p_value, paired_p, q_values, whitened
 from pido.diagnosis.events import Rhythm, charge, find_events, find_rhythms
 from pido.diagnosis.finding import Rejected
@@ -40,8 +40,15 @@ from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.whiten import Noise, estimate_noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
+SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
 LEAST_EFFECT = 0.05  # of the noise level, rms where active: a smaller effect is of no use to anybody
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
+MISFIT = (
+    0.04  # share of what findings remove where a further one acts, below which it only mends the form of the others
+)
+SMALL = 0.12  # the same share for a finding that is small in its own right
+_LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
+SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
 
 
 @dataclass(frozen=True)
@@ -169,7 +176,10 @@ def next_term(library: Library, noise: Noise, terms: Sequence[Term], regions: bo
     residual = fit(library.mismatch, noise, terms).residual
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
     if regions:
-        shortlist = [s for s in shortlist_of(library.screen(current), taken)[:8] if not s.term.shape or s.gain > 0]
+        # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere.
+        shortlist = [
+            s for s in shortlist_of(library.screen(current), taken)[:8] if s.term.mechanism.kind != "data_fault"
+        ]
         confined = best_region(library, current, shortlist)
         if confined is not None and (best is None or confined.bic < best.bic - CLEARLY):
             best = confined
@@ -221,7 +231,21 @@ def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int)
     return sorted(out, key=lambda r: r.delta_bic)
 
 
-def confirm(library: Library, noise: Noise, terms: list[Term], answer: Answer, questions: int) -> list[Term]:
+def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """The same terms with each that another mechanism beats in its place, now that others have gone, replaced by it."""
+    out = list(terms)
+    for i, term in enumerate(terms):
+        if term.name in ("unknown", "external_force"):
+            continue
+        rivals = rivals_of(library, noise, out, i)
+        if rivals and rivals[0].delta_bic < -_LIKELIER:
+            out[i] = rivals[0].term
+    return out
+
+
+def confirm(
+    library: Library, noise: Noise, terms: list[Term], answer: Answer, questions: int, level: float = SIGNIFICANT
+) -> list[Term]:
     """Terms that stand up to blocks, to parts that were not fitted, and to the number of questions."""
     mismatch = library.mismatch
     while terms:
@@ -231,14 +255,9 @@ def confirm(library: Library, noise: Noise, terms: list[Term], answer: Answer, q
         tried = [min(1.0, v * np.exp(0.5 * library.charge(t))) for v, t in zip(p, terms, strict=True)]
         q = q_values(tried, questions)
         worst = int(np.argmax(q))
-        reason = f"q = {q[worst]:.2g}, not significant over {questions} questions" if q[worst] > SIGNIFICANT else None
+        reason = f"q = {q[worst]:.2g}, not significant over {questions} questions" if q[worst] > level else None
         if reason is None:
-            joint = fit(mismatch, noise, terms)
-            for i, term in enumerate(terms):
-                reason = _too_small(mismatch, noise, terms, i, joint.amplitudes[i] @ term.columns(mismatch.states))
-                if reason is not None:
-                    worst = i
-                    break
+            worst, reason = _useless(mismatch, noise, terms)
         if reason is None:
             answer.p_values, answer.q_values = tried, q
             break
@@ -247,22 +266,58 @@ def confirm(library: Library, noise: Noise, terms: list[Term], answer: Answer, q
     return terms
 
 
-def _too_small(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], which: int, effect: Float1D) -> str | None:
+def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[int, str | None]:
+    """The first term that is too small, brings nothing on unseen folds, or only mends the misfit of the others."""
+    joint = fit(mismatch, noise, terms)
+    effects = [a @ t.columns(mismatch.states) for t, a in zip(terms, joint.amplitudes, strict=True)]
+    every = cross_residual(mismatch, noise, terms)
     level = float(np.median(noise.level))
-    size = np.abs(effect[mismatch.usable])
-    active = size > 0.1 * size.max() if size.max() > 0 else size > 0
-    rms = float(np.sqrt(np.mean(size[active] ** 2))) if active.any() else 0.0
-    if rms < LEAST_EFFECT * level:
-        return f"{rms:.2g} A where it acts, under {LEAST_EFFECT:.0%} of the noise"
-    if terms[which].mechanism.id == "external_force":
-        return None
-    rest = [t for i, t in enumerate(terms) if i != which]
-    one = noise.whiten(cross_residual(mismatch, noise, terms)[None])[0]
-    other = noise.whiten(cross_residual(mismatch, noise, rest)[None])[0]
-    gain = other**2 - one**2
-    if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
-        return "no gain on parts that were not fitted"
-    return None
+    for i, term in enumerate(terms):
+        active = _active(mismatch, effects[i])
+        rms = float(np.sqrt(np.mean(effects[i][active] ** 2))) if active.any() else 0.0
+        if rms < LEAST_EFFECT * level:
+            return i, f"{rms:.2g} A where it acts, under {LEAST_EFFECT:.0%} of the noise"
+        if term.mechanism.id == "external_force":
+            continue
+        without = cross_residual(mismatch, noise, [t for k, t in enumerate(terms) if k != i])
+        gain = noise.whiten(without[None])[0] ** 2 - noise.whiten(every[None])[0] ** 2
+        if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
+            return i, "no gain on parts that were not fitted"
+    return _misfit(mismatch, noise, terms, effects)
+
+
+def _misfit(
+    mismatch: Mismatch, noise: Noise, terms: Sequence[Term], effects: Sequence[Float1D]
+) -> tuple[int, str | None]:
+    """The term that adds the least to those stronger than it where it acts, if that is only what their forms lack.
+
+    In the order in which each adds most: beside all others, a true effect may look small because they share it out.
+    """
+    none = before = cross_residual(mismatch, noise, [])
+    level = float(np.median(noise.level))
+    kept: list[int] = []
+    least, which = np.inf, 0
+    while len(kept) < len(terms):
+        left = [i for i in range(len(terms)) if i not in kept]
+        trials = {i: cross_residual(mismatch, noise, [terms[k] for k in [*kept, i]]) for i in left}
+        i = min(left, key=lambda k: float(np.sum(noise.whiten(trials[k][None])[0] ** 2)))
+        active = _active(mismatch, effects[i])
+        added = float(np.mean((before**2 - trials[i] ** 2)[active])) if active.any() else 0.0
+        share = added / max(float(np.mean((none**2 - trials[i] ** 2)[active])), 1e-30) if active.any() else 0.0
+        small = share < MISFIT or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
+        if kept and small and share < least and terms[i].mechanism.id != "external_force":
+            least, which = share, i
+        kept.append(i)
+        before = trials[i]
+    if np.isinf(least):
+        return 0, None
+    return which, f"{max(least, 0.0):.1%} of what is removed where it acts: a misfit of stronger findings"
+
+
+def _active(mismatch: Mismatch, effect: Float1D) -> Bool1D:
+    """(n,) – usable rows in which an effect is more than a tenth of its largest."""
+    size = np.abs(effect)
+    return mismatch.usable & (size > 0.1 * float(np.max(size[mismatch.usable], initial=0.0)))
 
 
 def _coarse(mismatch: Mismatch, terms: Sequence[Term]) -> Float2D:

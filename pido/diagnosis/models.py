@@ -24,6 +24,8 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.unknown import Formula, Peak, Surface
 
+BEYOND = 3.0  # times the largest effect that a term had on the diagnosed parts: no further on any other part
+
 
 @dataclass(frozen=True)
 class Equation:
@@ -45,6 +47,7 @@ class AxisModel:
     noise_level : A – what the residual of this axis usually is
     delay : s – the recording lags the simulation by delay[0] + delay[1] * time
     limits : per part, A – the recorded current never leaves them; a part that was not seen has the widest
+    largest : per term, A – its largest effect on the diagnosed parts; where it is not known, nothing is bounded
     """
 
     axis: str
@@ -55,6 +58,7 @@ class AxisModel:
     delay: tuple[float, float] = (0.0, 0.0)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=())
+    largest: tuple[float, ...] = ()
 
     def simulated(self, recording: Recording, state: AxisState) -> Float1D:
         """(n,), A. Raises DiagnosisError where the recording has no simulated current and there is no equation."""
@@ -74,8 +78,9 @@ class AxisModel:
             total += shifted(state.time, simulated, self.delay) - simulated
         if self.equation is not None:
             total += self.equation.of(recording, state, self.equation.joint) - simulated
-        for term, amplitudes in zip(self.terms, self.amplitudes, strict=True):
-            total += amplitudes @ term.of_part(state)
+        bounds = self.largest or (np.inf,) * len(self.terms)
+        for term, amplitudes, most in zip(self.terms, self.amplitudes, bounds, strict=True):
+            total += np.clip(amplitudes @ term.of_part(state), -BEYOND * most, BEYOND * most)
         return np.clip(simulated + total, *self._limits_of(recording.part.part)) - simulated
 
     def _limits_of(self, part: str) -> tuple[float, float]:
@@ -114,6 +119,7 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
         if m.equation is None
         else {"names": list(m.equation.names), "alone": m.equation.alone.tolist(), "joint": m.equation.joint.tolist()},
         "terms": [_term_json(t, a) for t, a in zip(m.terms, m.amplitudes, strict=True)],
+        "largest": list(m.largest),
     }
 
 
@@ -133,6 +139,7 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
             part: (-np.inf if low is None else float(low), np.inf if high is None else float(high))
             for part, (low, high) in data["limits"].items()
         },
+        largest=tuple(float(v) for v in data.get("largest", [])),
     )
 
 
@@ -143,8 +150,8 @@ def _term_json(term: Term, amplitudes: Sequence[float]) -> dict[str, Any]:
             own["intervals"] = [list(i) for i in intervals]
         case Rhythm(clock=clock):
             own["clock"] = clock
-        case Formula(factors=factors, unit=unit):
-            own |= {"factors": [list(f) for f in factors], "unit": unit}
+        case Formula(factors=factors, unit=unit, seen=seen):
+            own |= {"factors": [list(f) for f in factors], "unit": unit, "seen": [list(r) for r in seen]}
         case Peak(signal=signal, unit=unit, even=even):
             own |= {"signal": signal, "unit": unit, "even": even}
         case Surface(variables=variables, knots=knots, split=split):
@@ -185,7 +192,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "clock" in own:
         return Rhythm(bool(own["clock"]))
     if "factors" in own:
-        return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]))
+        seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
+        return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "signal" in own:
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]))
     if "variables" in own:

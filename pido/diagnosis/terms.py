@@ -124,11 +124,11 @@ def fit(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], columns: Sequen
     design = np.concatenate([mismatch.base, *columns]) if terms or len(mismatch.base) else np.zeros((0, mismatch.n))
     y = noise.whiten(mismatch.target[None])[0]
     X = noise.whiten(design)
-    beta, covariance = solve(X, y)
+    b = len(mismatch.base)
+    beta, covariance = solve(X, y, held_back(X, b, terms, columns))
     whitened = y - beta @ X
     n = int(noise.valid.sum())
     rss = float(whitened @ whitened)
-    b = len(mismatch.base)
     sizes = np.cumsum([b, *[len(c) for c in columns]])
     amplitudes = tuple(beta[i:j] for i, j in itertools.pairwise(sizes))
     free = b + sum(len(c) + t.free for t, c in zip(terms, columns, strict=True))
@@ -150,13 +150,28 @@ def bic(rss: float, n: int, free: int) -> float:
     return float(n * np.log(max(rss, 1e-300) / n) + free * np.log(max(n, 2)))
 
 
-def solve(X: Float2D, y: Float1D) -> tuple[Float1D, Float2D]:
-    """Least squares of y on the rows of X, minimum norm where they are dependent; and (X Xᵀ)⁻¹ * residual variance."""
+def held_back(X: Float2D, base: int, terms: Sequence[Term], columns: Sequence[Float2D]) -> Float1D:
+    """(len(X),) – what is added to the diagonal of X Xᵀ: a corner of a curve or surface that hardly any row
+    reaches is drawn to zero, and cannot take any height.
+    """
+    out = np.zeros(len(X))
+    sizes = np.cumsum([base, *[len(c) for c in columns]])
+    for term, (i, j) in zip(terms, itertools.pairwise(sizes), strict=True):
+        if term.mechanism.held_back:
+            out[i:j] = term.mechanism.held_back * float(np.mean(np.einsum("ij,ij->i", X[i:j], X[i:j])))
+    return out
+
+
+def solve(X: Float2D, y: Float1D, ridge: Float1D | None = None) -> tuple[Float1D, Float2D]:
+    """Least squares of y on the rows of X, minimum norm where they are dependent; and (X Xᵀ)⁻¹ * residual variance.
+
+    ridge : (len(X),) – added to the diagonal of X Xᵀ
+    """
     if len(X) == 0:
         return np.zeros(0), np.zeros((0, 0))
-    size = np.sqrt(np.einsum("ij,ij->i", X, X))
+    size = np.sqrt(np.einsum("ij,ij->i", X, X) + (0.0 if ridge is None else ridge))
     size = np.where(size > 0, size, 1.0)
-    gram = (X @ X.T) / np.outer(size, size)
+    gram = (X @ X.T + (0.0 if ridge is None else np.diag(ridge))) / np.outer(size, size)
     values, vectors = np.linalg.eigh(gram)
     keep = values > 1e-9 * max(values[-1], 1e-300)
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T

@@ -172,6 +172,7 @@ class Formula(Mechanism):
 
     factors: tuple[tuple[str, str], ...]  # (signal, form)
     unit: str
+    seen: tuple[tuple[float, float], ...] = ()  # per factor, range of the signal: a form without a reason ends there
 
     id: ClassVar[str] = "unknown"
     kind: ClassVar[Any] = "unexplained"
@@ -194,8 +195,9 @@ class Formula(Mechanism):
     def values(self, known: Mapping[str, tuple[Float1D, str]]) -> Float1D:
         """The product itself, (n,)."""
         out = np.ones(1)
-        for name, form in self.factors:
-            out = out * FORMS[form](known[name][0])
+        for i, (name, form) in enumerate(self.factors):
+            u = known[name][0]
+            out = out * FORMS[form](np.clip(u, *self.seen[i]) if self.seen else u)
         return out
 
     def applies(self, states: Sequence[AxisState]) -> str | None:
@@ -247,6 +249,7 @@ class Surface(Mechanism):
     id: ClassVar[str] = "unknown"
     kind: ClassVar[Any] = "unexplained"
     shape: ClassVar[tuple[Parameter, ...]] = ()
+    held_back: ClassVar[float] = 1e-3
 
     @property
     def equation(self) -> str:  # type: ignore[override]
@@ -294,10 +297,11 @@ def formulas(known: Mapping[str, tuple[Float1D, str]]) -> list[Formula]:
         if set(np.unique(values[:: max(1, len(values) // 2000)])) <= {0.0, 1.0}:
             forms = ("u",)
         plain += [(name, f, unit) for f in forms if name != "uptime"]
-    out = [Formula(((n, f),), _unit([(u, f)])) for n, f, u in plain]
+    seen = {n: (float(v.min()), float(v.max())) for n, (v, _) in known.items()}
+    out = [Formula(((n, f),), _unit([(u, f)]), (seen[n],)) for n, f, u in plain]
     for (n1, f1, u1), (n2, f2, u2) in itertools.combinations(plain, 2):
         if n1 != n2 and _POWER[f1] + _POWER[f2] <= 3:
-            out.append(Formula(((n1, f1), (n2, f2)), _unit([(u1, f1), (u2, f2)])))
+            out.append(Formula(((n1, f1), (n2, f2)), _unit([(u1, f1), (u2, f2)]), (seen[n1], seen[n2])))
     return out
 
 

@@ -27,6 +27,7 @@ _STRUCTURE_P = 1e-4  # of a flexible model's gain on unseen folds
 _LEAST_SHARE = 0.08  # of all that is systematic: a smaller rest is a textbook form that fits almost
 _CLEARLY = 25.0  # BIC by which a model without a name must win
 _CLEARLY_SHARE = 0.03  # and by this share of all that the named terms gain
+_SEPARATE_SHARE = 0.12  # the same where it stands beside all names: a smaller rest is their misfit
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
 _PAIRS = 10
@@ -46,7 +47,9 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             continue
         trial = _needed(library, noise, start, found.term)
         score = basis(library, noise, trial).bic + _CHARGE
-        if score < best_bic - _CLEARLY - _CLEARLY_SHARE * (nothing - best_bic):
+        beside = len(trial) > max(1, len(terms))
+        margin = _CLEARLY + (_SEPARATE_SHARE if beside else _CLEARLY_SHARE) * max(nothing - best_bic, 0.0)
+        if score < best_bic - margin:
             best_terms, best_bic = trial, score
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)

@@ -68,6 +68,7 @@ class Mechanism(ABC):
     id: ClassVar[str]
     equation: ClassVar[str]
     kind: ClassVar[Literal["missing_physics", "data_fault"]] = "missing_physics"
+    held_back: ClassVar[float] = 0.0  # share of the mean information of its amplitudes that says each of them is zero
     amplitudes: ClassVar[tuple[Parameter, ...]]
     shape: ClassVar[tuple[Parameter, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = AXES

@@ -1,0 +1,105 @@
+"""Proof: intervals that hold what they promise, p values under no effect, and curves that cannot run away."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from pido.diagnosis.confirm import Whitened, bootstrap, interval, p_value, q_values, units
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.models import AxisModel
+from pido.diagnosis.terms import Term, held_back, solve
+from pido.diagnosis.unknown import Formula, Surface
+
+_ROWS, _BLOCKS = 1200, 40
+
+
+def _laid_out(parts: int) -> Mismatch:
+    """Only what the statistics read: how rows fall into parts and blocks."""
+    rows = np.arange(_ROWS)
+    return Mismatch(
+        axis="x",
+        states=tuple(SimpleNamespace(part=f"p{i}") for i in range(parts)),  # type: ignore[arg-type]
+        target=np.zeros(_ROWS),
+        base=np.zeros((0, _ROWS)),
+        base_names=(),
+        sim=None,
+        part=rows * parts // _ROWS,
+        block=rows * _BLOCKS // _ROWS,
+        starts=rows == 0,
+        usable=np.ones(_ROWS, bool),
+        noise_class=np.zeros(_ROWS, int),
+    )
+
+
+def _noise(rng: np.random.Generator) -> np.ndarray:
+    """Rows whose spread differs from block to block and that share a part of it within a block."""
+    block = np.arange(_ROWS) * _BLOCKS // _ROWS
+    spread = np.exp(0.3 * rng.normal(size=_BLOCKS))[block]
+    return spread * rng.normal(size=_ROWS) + 0.15 * rng.normal(size=_BLOCKS)[block]
+
+
+@pytest.mark.parametrize("parts", [1, 10])
+def test_a_95_percent_interval_holds_the_truth_in_90_to_98_of_100_repetitions(parts):
+    mismatch, rng, truth = _laid_out(parts), np.random.default_rng(5), np.array([0.4, -1.2])
+    held = []
+    for _ in range(250):
+        X = rng.normal(size=(2, _ROWS)) + rng.normal(size=(2, _BLOCKS))[:, mismatch.block]
+        y = truth @ X + _noise(rng)
+        beta, covariance = solve(X, y)
+        draws = bootstrap(Whitened(X, y, (slice(0, 2),)), mismatch, rng, draws=120)
+        found = interval(beta, covariance, draws, units(mismatch))
+        held += [low <= t <= high for t, (low, high) in zip(truth, found, strict=True)]
+    assert 0.90 <= np.mean(held) <= 0.98
+
+
+def test_without_an_effect_p_values_are_not_smaller_than_their_name():
+    mismatch, rng, p = _laid_out(1), np.random.default_rng(8), []
+    for _ in range(400):
+        X = rng.normal(size=(2, _ROWS)) + rng.normal(size=(2, _BLOCKS))[:, mismatch.block]
+        p.append(p_value(Whitened(X, _noise(rng), (slice(0, 1), slice(1, 2))), 1, mismatch.block))
+    for size in (0.05, 0.2):
+        # Binomial: at most this many of 400 lie below `size` in 999 of 1000 such experiments.
+        assert np.sum(np.array(p) < size) <= stats.binom.ppf(0.999, 400, size)
+
+
+def test_the_false_discovery_rate_counts_questions_that_were_not_kept():
+    p = np.array([0.001, 0.004, 0.03])
+    padded = stats.false_discovery_control(np.r_[p, np.ones(17)])
+    np.testing.assert_allclose(q_values(list(p), questions=20), padded[:3])
+
+
+def test_a_corner_of_a_surface_that_one_faint_row_reaches_takes_no_height():
+    knots = (0.0, 1.0, 2.0)
+    term = Term(Surface(("v_x",), (knots,), (False,)))
+    u = np.r_[np.linspace(0, 1, 500), 1.0005]
+    X = np.array([np.interp(u, knots, row) for row in np.eye(3)])
+    y = np.r_[np.ones(500), 11.0]  # the last row alone would ask for 20 000 A at the third knot
+    free, _ = solve(X, y)
+    drawn, _ = solve(X, y, held_back(X, 0, [term], [X]))
+    assert abs(free[2]) > 1e4
+    assert abs(drawn[2]) < 1.0
+    np.testing.assert_allclose(drawn[:2], 1.0, atol=0.1)  # an outlier of 10 A leans on its neighbours
+
+
+def test_a_formula_without_a_reason_ends_where_its_data_end():
+    known = {"v_x": (np.array([-5.0, 0.5, 1.0, 50.0]), "mm/s")}
+    cubic = Formula((("v_x", "u³"),), "(mm/s)^3", ((0.0, 1.0),))
+    np.testing.assert_allclose(cubic.values(known), [0.0, 0.125, 1.0, 1.0])
+
+
+def test_a_term_acts_on_a_new_part_at_most_three_times_as_strongly_as_where_it_was_found():
+    class Ramp:
+        held_back = 0.0
+
+        def regressors(self, state, **shape):
+            return np.linspace(-100.0, 100.0, 9)[:, None]
+
+    state = SimpleNamespace(time=np.arange(9.0))
+    recording = SimpleNamespace(part=SimpleNamespace(part="new"))
+    model = AxisModel("x", 0.1, (Term(Ramp(), name="ramp"),), (np.array([1.0]),), largest=(10.0,))  # type: ignore[arg-type]
+    effect = model.effect(np.zeros(9), recording, state)  # type: ignore[arg-type]
+    assert effect.min() == pytest.approx(-30.0)
+    assert effect.max() == pytest.approx(30.0)
+    np.testing.assert_allclose(effect[4], 0.0, atol=1e-12)
