@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from pido.core.arrays import Float1D, Float2D, Int1D
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.finding import HeldOut
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch
 from pido.diagnosis.terms import Term, held_back, solve
@@ -127,7 +127,7 @@ def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold
     return out
 
 
-def paired_p(gain: Float1D, mismatch: Mismatch, rows: Float1D | None = None) -> float:
+def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> float:
     """One-sided p that the mean gain over blocks is positive (paired t test, blocks as observations)."""
     block = mismatch.block if rows is None else mismatch.block[rows]
     gain = gain if rows is None else gain[rows]

@@ -143,7 +143,7 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
     )
 
 
-def _term_json(term: Term, amplitudes: Sequence[float]) -> dict[str, Any]:
+def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, Any]:
     own: dict[str, Any] = {"id": term.mechanism.id}
     match term.mechanism:
         case ExternalForce(intervals=intervals):
