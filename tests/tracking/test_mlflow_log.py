@@ -89,8 +89,8 @@ def test_logging_again_makes_no_new_run_and_no_new_version(workspace):
     assert [len(v) for v in versions(workspace).values()] == [2, 2, 2, 2]
 
 
-# Found five runs instead of two once, at the end of a whole test run on a crowded machine, and never alone: the cause is
-# not known yet, so it runs with the slow tests until it is.
+# Found five runs instead of two once, at the end of a whole test run on a crowded machine, and never alone. The cause
+# is not known yet, so it runs with the slow tests until it is.
 @pytest.mark.slow
 def test_a_run_that_was_cut_off_is_replaced_by_a_whole_one(workspace):
     victim = finished_runs(workspace)[0]
