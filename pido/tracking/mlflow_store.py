@@ -42,13 +42,27 @@ def client(workspace: Workspace) -> Iterator[MlflowClient]:
 
     logging.getLogger("mlflow").setLevel(logging.WARNING)  # it tells of every table that it makes
     uri = workspace.tracking_uri
-    mlflow.set_tracking_uri(uri)
-    mlflow.set_registry_uri(uri)
+    with _same_environment():
+        mlflow.set_tracking_uri(uri)
+        mlflow.set_registry_uri(uri)
     if uri.startswith("sqlite:"):
         with workspace.lock("mlflow"):
             yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
     else:
         yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
+
+
+@contextmanager
+def _same_environment() -> Iterator[None]:
+    """MLflow writes its address into the environment, where the next workspace would take it for a setting."""
+    names = ("MLFLOW_TRACKING_URI", "MLFLOW_REGISTRY_URI")
+    before = {name: os.environ.get(name) for name in names}
+    yield
+    for name, value in before.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:

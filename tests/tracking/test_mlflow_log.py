@@ -89,9 +89,6 @@ def test_logging_again_makes_no_new_run_and_no_new_version(workspace):
     assert [len(v) for v in versions(workspace).values()] == [2, 2, 2, 2]
 
 
-# Found five runs instead of two once, at the end of a whole test run on a crowded machine, and never alone. The cause
-# is not known yet, so it runs with the slow tests until it is.
-@pytest.mark.slow
 def test_a_run_that_was_cut_off_is_replaced_by_a_whole_one(workspace):
     victim = finished_runs(workspace)[0]
     with client(workspace) as store:
@@ -103,6 +100,13 @@ def test_a_run_that_was_cut_off_is_replaced_by_a_whole_one(workspace):
     assert len({r.data.tags[KEY] for r in after}) == 2
     assert victim.info.run_id not in {r.info.run_id for r in after}
     assert [len(v) for v in versions(workspace).values()] == [2, 2, 2, 2]
+
+
+def test_two_workspaces_in_one_process_keep_their_own_runs(workspace, tmp_path):
+    other = Workspace.open(tmp_path)
+    with client(workspace), client(other) as store:
+        assert other.tracking_uri != workspace.tracking_uri
+        assert store.get_experiment_by_name(f"pido {MACHINE}") is None
 
 
 def test_the_aliases_follow_what_is_in_force_in_the_workspace(workspace, monkeypatch):
