@@ -46,7 +46,7 @@ def job_of(recording: Recording, default: Job | None, machine: Machine, material
             radius = tool.corner_radius_mm or 0.0
             kind = "ball" if 2 * radius >= tool.diameter_mm else "bull" if radius else "end"
             tools[name] = Tool(name, tool.diameter_mm, tool.teeth, kind, radius, mass_kg=tool.mass_kg)
-    return replace(job, tools=tools, stock=_stock(recording, machine) or job.stock)
+    return replace(job, tools=tools, stock=_stock(recording) or job.stock)
 
 
 def prepare(
@@ -101,13 +101,11 @@ def prepare(
     return samples, tuple(notes)
 
 
-def _stock(recording: Recording, machine: Machine) -> Stock | None:
-    """The blank of part.json as a block in machine coordinates, if it is fully given for a machine whose tool points
-    along z; other machines need a job file."""
+def _stock(recording: Recording) -> Stock | None:
+    """The blank of part.json as a block, if it is fully given. Middle, top and size are along x, y and z of the machine
+    whichever way its tool points (ISO 841), so a horizontal spindle needs nothing more."""
     piece = recording.part.workpiece
     if piece is None or piece.center_xy_mm is None or piece.top_z_mm is None or piece.blank_mm is None:
-        return None
-    if machine.tool_axis != "z":
         return None
     (cx, cy), (sx, sy, sz), top = piece.center_xy_mm, piece.blank_mm, piece.top_z_mm
     return Stock((cx - sx / 2, cy - sy / 2, top - sz), (cx + sx / 2, cy + sy / 2, top))

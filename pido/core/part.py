@@ -44,8 +44,10 @@ class Operation(_Strict):
 class Workpiece(_Strict):
     center_xy_mm: tuple[float, float] | None = Field(default=None, description="in machine coordinates, mm")
     size_xy_mm: tuple[float, float] | None = Field(default=None, description="mm")
-    top_z_mm: float | None = Field(default=None, description="in machine coordinates, mm")
-    blank_mm: tuple[float, float, float] | None = Field(default=None, description="size of the blank, mm")
+    top_z_mm: float | None = Field(default=None, description="highest z of the blank in machine coordinates, mm")
+    blank_mm: tuple[float, float, float] | None = Field(
+        default=None, description="size of the blank along x, y and z of the machine, mm"
+    )
 
 
 class PartInfo(_Strict):

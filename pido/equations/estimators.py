@@ -6,6 +6,7 @@ In:  X with the 13 inputs (`pido.equations.tables`), y with one current or sever
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -27,7 +28,7 @@ from pido.feature_space.grid import Grid
 Equation = GlobalEquation | LocalEquations
 
 
-class _EquationRegressor(RegressorMixin, BaseEstimator):
+class _EquationRegressor(RegressorMixin, BaseEstimator, ABC):
     """What both have in common: X and y to samples, four columns of y at a time."""
 
     machine: Machine | None
@@ -98,8 +99,9 @@ class _EquationRegressor(RegressorMixin, BaseEstimator):
         ]
         return np.vstack(blocks)
 
+    @abstractmethod
     def _equation(self, rows: Samples) -> Equation:
-        raise NotImplementedError
+        """The equation that is fitted on `rows`."""
 
     def _terms(self) -> TermSet:
         return term_set(self.terms) if isinstance(self.terms, str) else self.terms

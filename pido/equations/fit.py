@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -188,7 +189,7 @@ def approximation(fast: LocalEquations, exact: LocalEquations, samples: Samples)
     return np.sqrt(np.mean(difference**2, axis=0)) / np.median(exact.noise, axis=1)
 
 
-class _Evidence:
+class _Evidence(ABC):
     """What equations are fitted on: points that each stand for `counts` samples and carry a packed row."""
 
     terms: TermSet
@@ -197,11 +198,13 @@ class _Evidence:
     counts: Int1D
     pattern: Int1D
 
+    @abstractmethod
     def rows(self, which: Int1D | None) -> Callable[[int, int], Float2D]:
-        raise NotImplementedError
+        """Packed rows of the points `which` (of all), from start to stop."""
 
+    @abstractmethod
     def total(self, which: Int1D | None) -> Float1D:
-        raise NotImplementedError
+        """Sum of the packed rows of the points `which` (of all)."""
 
     def subset(self, axis: int) -> Int1D | None:
         """Points with a current on `axis`; None for all of them."""
@@ -226,8 +229,8 @@ class _Evidence:
             effective[axes], rank[axes] = one.effective[0], one.rank[0]
             lost |= {name for name, kept in zip(self.terms.names, keep, strict=True) if not kept}
         dropped = tuple(name for name in self.terms.names if name in lost)
-        log.info("global equation '%s': %d samples, rank %s, dropped: %s", self.terms.id, len(self.counts),
-                 dict(zip(AXES, rank.tolist(), strict=True)), ", ".join(dropped) or "none")  # fmt: skip
+        log.debug("global equation '%s': %d samples, rank %s, dropped: %s", self.terms.id, len(self.counts),
+                  dict(zip(AXES, rank.tolist(), strict=True)), ", ".join(dropped) or "none")  # fmt: skip
         return GlobalEquation(self.terms, self.machine, coefficients, factor, effective, noise, rank, dropped)
 
     def local(self, bins: Int1D, kernels: Sequence[Kernel], grid: Grid, blend: bool) -> LocalEquations:
@@ -256,8 +259,8 @@ class _Evidence:
             locality[axes] = _locality(one)
             for axis in axes:
                 factors[axis] = one.factor
-        log.info("local equations '%s': %d bins, median effective samples %s", self.terms.id, b,
-                 dict(zip(AXES, np.median(effective, axis=1).round().tolist(), strict=True)) if b else {})  # fmt: skip
+        log.debug("local equations '%s': %d bins, median effective samples %s", self.terms.id, b,
+                  dict(zip(AXES, np.median(effective, axis=1).round().tolist(), strict=True)) if b else {})  # fmt: skip
         return LocalEquations(
             self.terms, self.machine, grid, bins, tuple(kernels), coefficients, effective, share, noise, rank,
             locality, overall, blend, tuple(factors),

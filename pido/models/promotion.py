@@ -19,6 +19,8 @@ from pido.core.arrays import Float1D
 from pido.core.axes import AXES
 from pido.core.errors import RegistryError
 
+_NO_ERROR = 1e-9  # A
+
 
 @dataclass(frozen=True)
 class AxisVerdict:
@@ -80,8 +82,9 @@ def _axis(
     axis: str, new: Float1D, old: Float1D, floor: Float1D | None, name: str, tolerance: float, level: float
 ) -> AxisVerdict:
     known = np.isfinite(new) & np.isfinite(old)
-    new, old, n = new[known], old[known], int(known.sum())
-    change = float(np.mean(new) / max(float(np.mean(old)), 1e-300) - 1.0)
+    # a nanoampere is no error: an axis whose current is zero throughout is neither better nor worse
+    new, old, n = np.maximum(new[known], _NO_ERROR), np.maximum(old[known], _NO_ERROR), int(known.sum())
+    change = float(np.mean(new) / np.mean(old) - 1.0)
     worse = int((new > old).sum())
     untied = int((new != old).sum())
     p = float(binomtest(worse, untied, 0.5, alternative="greater").pvalue) if untied else 1.0

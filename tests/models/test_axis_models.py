@@ -146,3 +146,12 @@ def test_an_axis_that_was_not_recorded_has_no_say():
     verdict = gate(blind, errors())
     assert verdict.passed
     assert [a.axis for a in verdict.axes] == ["x", "y", "sp"]
+
+
+def test_an_axis_whose_current_is_always_zero_is_neither_better_nor_worse():
+    flat = gate(errors(z=[0.0] * 5), errors(z=[0.0] * 5))
+    assert flat.passed
+    assert flat.axes[2].change == 0
+    assert "z +0.0%" in flat.words
+    assert gate(errors(z=[1e-15] * 5), errors(z=[0.0] * 5)).passed
+    assert not gate(errors(z=[0.1] * 5), errors(z=[0.0] * 5)).passed

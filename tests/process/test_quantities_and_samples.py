@@ -13,6 +13,7 @@ from pido.core.errors import ProgramError, RecordingError, SettingsError
 from pido.core.machining import Machine, Stock, Tool
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.preparation import job_of
 from pido.process.motion import Dynamics
 from pido.process.quantities import area_removal, process_quantities
 from pido.process.samples import to_samples
@@ -248,3 +249,12 @@ def test_the_command_writes_a_part_and_says_what_it_will_take(tmp_path):
     back = read_recording(tmp_path / "out")
     assert back.part.program == "part.MPF"
     assert len(back) == figures["samples"]
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_the_blank_of_a_part_stands_where_it_says_whichever_way_the_tool_points(axis):
+    config = Machine(MILL.id, MILL.axes, MILL.spindle_max_deg_s, MILL.spindle_acc_deg_s2, tool_axis=axis)
+    about = {"center_xy_mm": [10, 20], "top_z_mm": 5, "blank_mm": [150, 75, 50]}
+    part = PartInfo.model_validate({"part": "p", "machine": "m", "workpiece": about})
+    stock = job_of(Recording(part, {"time": np.zeros(1)}), None, config, {}).stock
+    assert stock == Stock((-65.0, -17.5, -45.0), (85.0, 57.5, 5.0))
