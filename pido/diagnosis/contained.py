@@ -9,6 +9,7 @@ disappears in it could not be found miscalibrated either.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,6 +43,8 @@ def contained(
     level = _FRACTION * float(np.median(noise.level))
     faint = Noise(np.zeros(0), np.full(thin.n, level), 1.0, thin.usable)
     problem = thin.with_target(np.where(thin.usable, sim + rng.normal(scale=level, size=thin.n), 0.0))
+    # A constant is no mechanism, and must not be put together from halves of one.
+    problem = replace(problem, base=thin.usable[None].astype(float), base_names=("constant",))
     library = Library(problem, [t for m in own for t in grid_terms(m, problem.states)])
     library.whiten(faint)
     terms: list[Term] = []

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES
@@ -22,11 +23,11 @@ from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
-from pido.diagnosis.confirm import held_out
+from pido.diagnosis.confirm import cross_residual, held_out
 from pido.diagnosis.contained import contained
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
-from pido.diagnosis.finding import Diagnosis, Finding, PartSeries, Rejected
+from pido.diagnosis.finding import Diagnosis, Finding, HeldOut, PartSeries, Rejected
 from pido.diagnosis.identify import (
     SIGNIFICANT_NAME,
     Answer,
@@ -43,6 +44,7 @@ from pido.diagnosis.locate import score
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json
+from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.select import Library, basis
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
@@ -53,6 +55,7 @@ from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
 _LEAST_ROWS = 500
+_PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
 
 def _silent(done: int, of: int, what: str) -> None:
@@ -74,12 +77,22 @@ def diagnose(
 
     Raises DiagnosisError where nothing can be compared.
     """
-    parts = _in_order(recordings)
+    # Its arrays are small: threads of BLAS and trees that wait for one another cost more than they bring.
+    with threadpool_limits(limits=1):
+        return _diagnose(_in_order(recordings), pair, machine, np.random.default_rng(seed), on_progress)
+
+
+def _diagnose(
+    parts: list[Recording],
+    pair: str | None,
+    machine: Machine | None,
+    rng: np.random.Generator,
+    on_progress: Callable[[int, int, str], None],
+) -> Diagnosis:
     notes: list[str] = []
     if pair is not None:
-        parts = [_paired(r, pair) for r in parts]
+        parts = paired(parts, pair)
     axes = _comparable_axes(parts, notes)
-    rng = np.random.default_rng(seed)
     if len(parts) < FEW_PARTS:
         notes.append(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
@@ -115,7 +128,7 @@ def diagnose(
     on_progress(len(axes), len(axes), "done")
     findings.sort(key=lambda f: -_strength(f, models))
     found = {f.axis for f in findings}
-    return Diagnosis(
+    result = Diagnosis(
         findings=tuple(findings),
         clean_axes=tuple(a for a in axes if a not in found),
         parts={
@@ -126,6 +139,7 @@ def diagnose(
         rejected=tuple(rejected),
         notes=tuple(notes),
     )
+    return result if pair is None else in_its_unit(result, pair)
 
 
 def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:
@@ -252,10 +266,15 @@ def _settle(
     limits: Limits,
 ) -> _Work:
     """The final fit on every row, its proof, and the series of every part."""
+    recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
     rest = flexible_rest(full, fit(full, _even(full), answer.terms).residual)
     noise = estimate_noise(rest, full.starts, full.noise_class, full.usable)
     terms = settle_shapes(full, noise, answer.terms)
-    answer.terms = terms
+    if _rms_held_out(full, _even(full), terms) < _PLAIN_IS_BETTER * _rms_held_out(full, noise, terms):
+        # The terms lack something that is slow: weights that listen to what is quick would fit them to the wrong part.
+        noise = _even(full)
+        terms = settle_shapes(full, noise, terms)
+    terms, proofs = _proved(full, noise, terms, answer, recorded)
     found = estimate(full, noise, terms, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, _even(full), [])
@@ -274,19 +293,40 @@ def _settle(
             for t, a in zip(terms, found.fit.amplitudes, strict=True)
         ),
     )
-    recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
     findings = []
     for i, term in enumerate(terms):
         effect = found.fit.amplitudes[i] @ term.columns(full.states)
-        proof = held_out(full, noise, terms, _without(terms, i), recorded)
         swallowed = _replaced(full, alone.base, fit(full, noise, [term]).base)
-        findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proof, swallowed))
+        findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed))
     series = []
     for recording, state in zip(parts, full.states, strict=True):
         simulated = model.simulated(recording, state)
         effect = model.effect(simulated, recording, state)
         series.append((effect, score(effect, level), simulated + effect))
     return _Work(model, findings, answer.rejected, answer.notes, series)
+
+
+def _proved(
+    full: Mismatch, noise: Noise, terms: Sequence[Term], answer: Answer, recorded: Float1D
+) -> tuple[list[Term], list[HeldOut]]:
+    """The terms that make the error on unseen folds smaller, in A and not only in units of noise; and the proof."""
+    kept = list(terms)
+    while True:
+        proofs = [held_out(full, noise, kept, _without(kept, i), recorded) for i in range(len(kept))]
+        idle = [i for i, p in enumerate(proofs) if not p.rmse_after < p.rmse_before]
+        if not idle:
+            answer.terms = kept
+            return kept, proofs
+        i = max(idle, key=lambda k: proofs[k].rmse_after - proofs[k].rmse_before)
+        answer.rejected.append(Rejected(full.axis, kept[i].name, "the error on unseen parts is no smaller with it"))
+        kept = _without(kept, i)
+        for each in (answer.p_values, answer.q_values, answer.delta_bic, answer.rivals):
+            del each[i]
+
+
+def _rms_held_out(full: Mismatch, noise: Noise, terms: Sequence[Term]) -> float:
+    left = cross_residual(full, noise, terms)[full.usable]
+    return float(np.sqrt(np.mean(left**2)))
 
 
 def _even(full: Mismatch) -> Noise:
@@ -369,16 +409,6 @@ def _comparable_axes(parts: Sequence[Recording], notes: list[str]) -> list[str]:
     if not axes:
         raise DiagnosisError("no part has a recorded current that varies (curr_x, curr_y, curr_z, curr_sp).")
     return axes
-
-
-def _paired(recording: Recording, pair: str) -> Recording:
-    recorded, _, simulated = pair.partition(":")
-    if not simulated:
-        raise DiagnosisError(f"--pair {pair}: write RECORDED:SIMULATED, two column names with a colon between them.")
-    axis = next((a for a in ("sp", "x", "y", "z") if a in recorded.split("_")), "x")
-    drop = {*CURRENT.values(), *CURRENT_SIM.values()}
-    both = {CURRENT[axis]: recording[recorded], CURRENT_SIM[axis]: recording[simulated]}
-    return replace(recording, columns={**{k: v for k, v in recording.columns.items() if k not in drop}, **both})
 
 
 def _names(parts: Sequence[Recording], given: Sequence[bool]) -> str:

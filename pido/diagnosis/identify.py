@@ -43,11 +43,12 @@ SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tri
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
 LEAST_EFFECT = 0.05  # of the noise level, rms where active: a smaller effect is of no use to anybody
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
-MISFIT = (
-    0.04  # share of what findings remove where a further one acts, below which it only mends the form of the others
-)
+# Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term
+# whose shape is free, and of one that can take a single form only.
+MISFIT, MISFIT_PLAIN = 0.04, 0.01
 SMALL = 0.12  # the same share for a finding that is small in its own right
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
+_CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
 SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
 
 
@@ -125,7 +126,10 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), reg
     seen: set[tuple[str, ...]] = set()
     while len(terms) < MOST_TERMS:
         current = basis(library, noise, terms)
-        best = next_term(library, noise, terms, regions)
+        best = next_named(library, noise, terms, regions)
+        if best is None or best.bic > current.bic - LEAST_GAIN:
+            # Levels over a dozen intervals can stand for any law: they come when the laws have been asked.
+            best = next_in_time(library, noise, terms)
         if best is None or best.bic > current.bic - LEAST_GAIN:
             break
         terms = swap(library, noise, [*terms, best.term])
@@ -141,9 +145,10 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     """Of textbook forms that fit equally well beside the other terms, the first.
 
     What sgn(v) lacks of a presliding friction includes what it holds at standstill. Where the two have sizes of their
-    own, they are two findings.
+    own, they are two findings. Where the simulation has no Coulomb friction at all, a whole presliding friction is that
+    friction and what sgn(v) lacks of it after a reversal.
     """
-    out = list(terms)
+    out = _without_whole_presliding(library, noise, list(terms))
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
     if standing is not None and standing.name not in {t.name for t in out}:
         for i, term in enumerate(out):
@@ -169,8 +174,21 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     return out
 
 
-def next_term(library: Library, noise: Noise, terms: Sequence[Term], regions: bool) -> Score | None:
-    """The best single addition: a mechanism anywhere, one confined to a box, or a force tied to no state."""
+def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
+    coulomb = next((t for t in library.terms if t.name == "coulomb_friction"), None)
+    if coulomb is None or coulomb.name in {t.name for t in terms}:
+        return terms
+    for i, term in enumerate(terms):
+        if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
+            turned = replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items()))
+            trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
+            if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:
+                return trial
+    return terms
+
+
+def next_named(library: Library, noise: Noise, terms: Sequence[Term], regions: bool) -> Score | None:
+    """The best single addition of the catalogue: a mechanism that acts anywhere, or one confined to a box."""
     current = basis(library, noise, terms)
     taken = {t.name for t in terms}
     residual = fit(library.mismatch, noise, terms).residual
@@ -183,12 +201,21 @@ def next_term(library: Library, noise: Noise, terms: Sequence[Term], regions: bo
         confined = best_region(library, current, shortlist)
         if confined is not None and (best is None or confined.bic < best.bic - CLEARLY):
             best = confined
+    return best
+
+
+def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> Score | None:
+    """The best single addition that is tied to no state: a wave in time, or forces over intervals."""
+    current = basis(library, noise, terms)
+    best: Score | None = None
     for rhythm, period in find_rhythms(library.mismatch, noise, current.residual):
         score = _tune(library, current, rhythm, period)
-        if score is not None and (best is None or score.bic < best.bic - CLEARLY):
+        if score is not None and (best is None or score.bic < best.bic):
             best = score
-    if "external_force" not in taken:
-        events = find_events(library.mismatch, noise, current.residual)
+    if "external_force" not in {t.name for t in terms}:
+        # What the state predicts is no force by itself, however well levels over intervals describe it.
+        rest = flexible_rest(library.mismatch, fit(library.mismatch, noise, terms).residual, without=_CLOCK)
+        events = find_events(library.mismatch, noise, noise.whiten(rest[None])[0])
         if events is not None:
             score = library.score(Term(events), current)
             # Each interval's ends were searched for.
@@ -277,10 +304,14 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
         rms = float(np.sqrt(np.mean(effects[i][active] ** 2))) if active.any() else 0.0
         if rms < LEAST_EFFECT * level:
             return i, f"{rms:.2g} A where it acts, under {LEAST_EFFECT:.0%} of the noise"
+        others = [t for k, t in enumerate(terms) if k != i]
         if term.mechanism.id == "external_force":
-            continue
-        without = cross_residual(mismatch, noise, [t for k, t in enumerate(terms) if k != i])
-        gain = noise.whiten(without[None])[0] ** 2 - noise.whiten(every[None])[0] ** 2
+            # A force over intervals of one part can be proved on other seconds of the same part only.
+            fold = mismatch.block % 5
+            before, after = (cross_residual(mismatch, noise, t, fold) for t in (others, terms))
+        else:
+            before, after = cross_residual(mismatch, noise, others), every
+        gain = noise.whiten(before[None])[0] ** 2 - noise.whiten(after[None])[0] ** 2
         if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
             return i, "no gain on parts that were not fitted"
     return _misfit(mismatch, noise, terms, effects)
@@ -304,7 +335,8 @@ def _misfit(
         active = _active(mismatch, effects[i])
         added = float(np.mean((before**2 - trials[i] ** 2)[active])) if active.any() else 0.0
         share = added / max(float(np.mean((none**2 - trials[i] ** 2)[active])), 1e-30) if active.any() else 0.0
-        small = share < MISFIT or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
+        free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
+        small = share < (MISFIT if free else MISFIT_PLAIN) or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
         if kept and small and share < least and terms[i].mechanism.id != "external_force":
             least, which = share, i
         kept.append(i)

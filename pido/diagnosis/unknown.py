@@ -109,13 +109,17 @@ def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) ->
     return Structure(float(np.mean(gain)), float(np.mean(gain)) / total, p)
 
 
-def flexible_rest(mismatch: Mismatch, residual: Float1D, seed: int = 0) -> Float1D:
+def flexible_rest(
+    mismatch: Mismatch, residual: Float1D, seed: int = 0, without: frozenset[str] = frozenset()
+) -> Float1D:
     """(n,), A – `residual` without what a flexible model of the state predicts of it on blocks that it has not seen.
+
+    without : signals that the model is not told
 
     What is left is the nearest thing to noise that can be had before anything has a name. The prediction is made on
     few rows and drawn between them; it is scaled back where it does not hold.
     """
-    known = common_signals(mismatch.states)
+    known = {name: v for name, v in common_signals(mismatch.states).items() if name not in without}
     width = max(1, int(np.ceil(mismatch.n / _MOST_ROWS)))
     rows = np.arange(width // 2, mismatch.n, width)
     rows = rows[mismatch.usable[rows]]

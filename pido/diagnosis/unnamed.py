@@ -19,15 +19,27 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.terms import Term, fit
-from pido.diagnosis.unknown import Coarse, Formula, Peak, coarse, common_signals, formulas, peaks, structure, surfaces
+from pido.diagnosis.unknown import (
+    Coarse,
+    Formula,
+    Peak,
+    Surface,
+    coarse,
+    common_signals,
+    formulas,
+    peaks,
+    structure,
+    surfaces,
+)
 from pido.diagnosis.whiten import Noise
 
 log = logging.getLogger(__name__)
 _STRUCTURE_P = 1e-4  # of a flexible model's gain on unseen folds
 _LEAST_SHARE = 0.08  # of all that is systematic: a smaller rest is a textbook form that fits almost
 _CLEARLY = 25.0  # BIC by which a model without a name must win
-_CLEARLY_SHARE = 0.03  # and by this share of all that the named terms gain
+_CLEARLY_SHARE = 0.03  # and by this share of all that the named terms gain, in BIC and in sum of squares
 _SEPARATE_SHARE = 0.12  # the same where it stands beside all names: a smaller rest is their misfit
+_CURVE_SHARE = 0.3  # the same for a curve, which holds every law of its quantities and so always fits better
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
 _PAIRS = 10
@@ -39,18 +51,17 @@ _SIMPLEX = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
 def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -> tuple[list[Term], str | None]:
     """`terms`, or what remains of them beside one `unknown`; and a sentence about what is left over."""
     mismatch = library.mismatch
-    nothing = basis(library, noise, []).bic
-    best_terms, best_bic = terms, basis(library, noise, terms).bic
+    nothing = basis(library, noise, [])
+    best_terms, best = terms, basis(library, noise, terms)
     for start in (terms, []) if terms else (terms,):
-        found = _best(library, noise, start)
-        if found is None:
-            continue
-        trial = _needed(library, noise, start, found.term)
-        score = basis(library, noise, trial).bic + _CHARGE
-        beside = len(trial) > max(1, len(terms))
-        margin = _CLEARLY + (_SEPARATE_SHARE if beside else _CLEARLY_SHARE) * max(nothing - best_bic, 0.0)
-        if score < best_bic - margin:
-            best_terms, best_bic = trial, score
+        for found in _best(library, noise, start):
+            trial = _needed(library, noise, start, found.term)
+            tried = basis(library, noise, trial)
+            share = _share_asked(found.term, beside=len(trial) > max(1, len(terms)))
+            margin = _CLEARLY + min(share, _SEPARATE_SHARE) * max(nothing.bic - best.bic, 0.0)
+            more = best.rss - tried.rss > share * max(nothing.rss - best.rss, 0.0)
+            if tried.bic + _CHARGE < best.bic - margin and more:
+                best_terms, best = trial, replace(tried, searched=tried.searched + _CHARGE)
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)
     named = _explained(mismatch, best_terms, joint.amplitudes)
@@ -62,6 +73,13 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             "and neither a mechanism nor a formula or curve describes it."
         )
     return best_terms, None
+
+
+def _share_asked(unnamed: Term, beside: bool) -> float:
+    """Share of what the names gain that a model without a name has to add to it."""
+    if isinstance(unnamed.mechanism, Surface):
+        return _CURVE_SHARE
+    return _SEPARATE_SHARE if beside else _CLEARLY_SHARE
 
 
 def _needed(library: Library, noise: Noise, named: Sequence[Term], unnamed: Term) -> list[Term]:
@@ -80,8 +98,8 @@ def _needed(library: Library, noise: Noise, named: Sequence[Term], unnamed: Term
     return [*kept, unnamed]
 
 
-def _best(library: Library, noise: Noise, start: Sequence[Term]) -> Score | None:
-    """The best formula or peak, or a curve or surface over the same quantities where that is clearly better."""
+def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
+    """The best formula or peak, and a curve or surface over the same quantities where that is clearly better."""
     mismatch = library.mismatch
     current = basis(library, noise, start)
     few = coarse(mismatch, fit(mismatch, noise, start).residual, noise)
@@ -90,8 +108,8 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> Score | None
     scores = [s for t in offered[:_FINALISTS] if (s := library.score(t, current)) is not None]
     scores = [s for s in scores if not _is_known(library, noise, s.term)]
     if not scores:
-        return None
-    best = tune(library, current, min(scores, key=lambda s: s.bic))
+        return []
+    best = curve = tune(library, current, min(scores, key=lambda s: s.bic))
     wanted: list[frozenset[str]] = []
     for term in offered[:40]:
         names = _quantities(term)
@@ -101,9 +119,9 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> Score | None
     for surface in surfaces(mismatch):
         if frozenset(surface.variables) in wanted[:_PAIRS]:
             found = library.score(Term(surface), current)
-            if found is not None and found.bic < best.bic - _CLEARLY:
-                best = found
-    return best
+            if found is not None and found.bic < curve.bic - _CLEARLY:
+                curve = found
+    return [best] if curve is best else [best, curve]
 
 
 def _ranked(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
