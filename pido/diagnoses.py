@@ -1,0 +1,43 @@
+"""A diagnosis with its files: what the command line, the flow and the demo have in common.
+
+In:  recordings of one machine, a folder. Out: the `Diagnosis`, and in the folder all files of the contract, the models
+that `pido correct` applies, and the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pido.core.recording import Recording
+from pido.diagnosis import contract
+from pido.diagnosis.diagnose import diagnose
+from pido.diagnosis.finding import Diagnosis
+from pido.reports.diagnosis import diagnosis_page
+from pido.reports.page import write_page
+
+PAGE = "report.html"
+
+
+def diagnose_into(folder: Path, recordings: Sequence[Recording], **how: Any) -> Diagnosis:
+    """Diagnose and write everything into `folder`. how : as `pido.diagnosis.diagnose.diagnose` takes it.
+
+    Raises DiagnosisError, with nothing written, where nothing can be compared.
+    """
+    found = diagnose(recordings, **how)
+    contract.write(found, folder)
+    write_page(diagnosis_page(found, recordings), folder / PAGE)
+    return found
+
+
+def summary(found: Diagnosis) -> list[str]:
+    """One line per finding, then the axes on which nothing was found."""
+    lines = [
+        f"{f.axis}   {f.mechanism}   {f.where.summary}   "
+        f"RMSE {f.fit.rmse_before:.3g} -> {f.fit.rmse_after:.3g} ({f.fit.scheme})"
+        for f in found.findings
+    ]
+    if found.clean_axes:
+        lines.append(f"{', '.join(found.clean_axes)}   nothing significant")
+    return lines

@@ -1,0 +1,115 @@
+"""Two columns in place of an axis' currents: a measured force and its simulation, a torque, a power.
+
+In:  recordings and 'RECORDED:SIMULATED'.
+Out: the recordings with these two where a diagnosis looks for the currents; its answer in the pair's own unit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from pido.core.axes import AXES
+from pido.core.columns import ALIASES, CURRENT, CURRENT_SIM, UNITS
+from pido.core.errors import DiagnosisError
+from pido.core.recording import Recording
+from pido.diagnosis.finding import Diagnosis, Finding
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two columns, the axis whose motion explains them, and their unit ('' where nothing says it)."""
+
+    recorded: str
+    simulated: str
+    axis: str
+    unit: str
+
+    @classmethod
+    def parse(cls, text: str) -> Pair:
+        """From 'RECORDED:SIMULATED'. The axis is in one of the names ('f_x', 'm_sp_sim'); x where it is in none."""
+        recorded, _, simulated = text.partition(":")
+        if not recorded or not simulated or ":" in simulated or recorded == simulated:
+            raise DiagnosisError(
+                f"--pair {text}: write RECORDED:SIMULATED, two different column names with a colon between them."
+            )
+        named = [a for name in (recorded, simulated) for a in AXES if a in name.split("_")]
+        units = [UNITS[n] for n in (simulated, recorded, ALIASES.get(recorded, "")) if n in UNITS]
+        return cls(recorded, simulated, named[0] if named else "x", units[0] if units else "")
+
+    def __str__(self) -> str:
+        return f"{self.recorded}:{self.simulated}"
+
+    def of(self, recording: Recording) -> Recording:
+        """The recording with the pair in place of all currents; without the recorded one where it has only the other.
+
+        Raises DiagnosisError that names the columns there are.
+        """
+        columns = {k: v for k, v in recording.columns.items() if k not in (*CURRENT.values(), *CURRENT_SIM.values())}
+        columns[CURRENT_SIM[self.axis]] = _numbers(recording, self.simulated)
+        if _known_as(recording, self.recorded) is not None:
+            columns[CURRENT[self.axis]] = _numbers(recording, self.recorded)
+        return replace(recording, columns=columns)
+
+
+def pair_of(model: Mapping[str, object]) -> Pair | None:
+    """The pair that a diagnosis' model is of; None where it is of the currents."""
+    text = model.get("pair")
+    return Pair.parse(text) if isinstance(text, str) else None
+
+
+def paired(parts: Sequence[Recording], text: str) -> list[Recording]:
+    """Every part with the pair in place of its currents. Raises DiagnosisError where a part lacks one of the two."""
+    pair = Pair.parse(text)
+    for recording in parts:
+        _numbers(recording, pair.recorded)
+    return [pair.of(recording) for recording in parts]
+
+
+def in_its_unit(diagnosis: Diagnosis, text: str) -> Diagnosis:
+    """The diagnosis of a pair, with the pair in its model and the pair's unit where the mechanisms say ampere."""
+    pair = Pair.parse(text)
+    notes = diagnosis.notes
+    if not any(pair.axis in name.split("_") for name in (pair.recorded, pair.simulated)):
+        notes = (*notes, f"--pair {text}: neither name holds an axis; the motion of {pair.axis} was looked at.")
+    return replace(
+        diagnosis,
+        findings=tuple(_finding(f, pair) for f in diagnosis.findings),
+        model={**diagnosis.model, "pair": text},
+        notes=notes,
+    )
+
+
+def _finding(finding: Finding, pair: Pair) -> Finding:
+    parameters = {n: replace(e, unit=unit_of(e.unit, pair.unit)) for n, e in finding.parameters.items()}
+    equation = re.sub(rf"\bdI_{pair.axis}\b|\bdI\b", f"d({pair.recorded})", finding.equation)
+    return replace(finding, parameters=parameters, equation=equation)
+
+
+def unit_of(unit: str, instead: str) -> str:
+    """A unit with another one in place of the ampere; a dash where the two cancel.
+
+    >>> [unit_of(unit, "N") for unit in ("A", "A/(mm/s)", "1/A²", "A/N", "mm", "–")]
+    ['N', 'N/(mm/s)', '1/N²', '–', 'mm', '–']
+    """
+    swapped = re.sub(r"(?<![A-Za-z·])A(?![A-Za-z·])", instead or "[recorded]", unit)
+    over, _, under = swapped.partition("/")
+    return "–" if under.strip("()") == over else swapped
+
+
+def _known_as(recording: Recording, name: str) -> str | None:
+    """The column's name in the recording: its own, or the contract's where a reader gave it that."""
+    return next((n for n in (name, ALIASES.get(name)) if n is not None and n in recording), None)
+
+
+def _numbers(recording: Recording, name: str):
+    found = _known_as(recording, name)
+    if found is None:
+        raise DiagnosisError(
+            f"part {recording.part.part}: --pair names column '{name}', which is not there; it has "
+            f"{', '.join(recording.columns)}."
+        )
+    if recording[found].dtype == object:
+        raise DiagnosisError(f"part {recording.part.part}: column '{name}' holds text; --pair compares numbers.")
+    return recording[found]
