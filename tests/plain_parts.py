@@ -14,13 +14,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pido.core.columns import FORCE_SIM
+from pido.core.columns import CURRENT_SIM, FORCE_SIM
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 
 RATE_HZ = 50.0
 _SPINDLE_DEG_S = 22_800.0
 _I_C, _B, _M, _K = (0.8, 0.6, 0.4), (0.02, 0.03, 0.01), (2e-3, 3e-3, 4e-3), (4e-3, 4e-3, 2e-3)
+_LEVEL = (0.1, -0.2, 1.5)
+_I_SP, _C_SP, _K_SP = 0.5, 2e-5, 0.8
 _NOISE_A = 0.05
 
 
@@ -45,8 +47,8 @@ def _recording(number: int, rng: np.random.Generator, machine: str) -> Recording
     f = np.column_stack([-force * along[:, 0], -force * along[:, 1], 0.3 * force])
     torque = force * 0.005  # N·m at a radius of 5 mm
     held = np.column_stack([_last_direction(v[:, i]) for i in range(3)])
-    current = held * _I_C + v * _B + a * _M - f * _K + np.array([0.1, -0.2, 1.5])
-    spindle = 0.5 + 2e-5 * _SPINDLE_DEG_S + 0.8 * torque
+    current = held * _I_C + v * _B + a * _M - f * _K + np.array(_LEVEL)
+    spindle = _I_SP + _C_SP * _SPINDLE_DEG_S + _K_SP * torque
     columns = {"time": np.arange(n) * dt}
     for i, axis in enumerate("xyz"):
         columns[f"pos_{axis}"], columns[f"v_{axis}"], columns[f"a_{axis}"] = position[:, i], v[:, i], a[:, i]
@@ -90,3 +92,22 @@ def _last_direction(v: np.ndarray, dead_band: float = 0.02) -> np.ndarray:
     moving = np.where(np.abs(v) > dead_band, np.sign(v), 0.0)
     last = np.maximum.accumulate(np.where(moving != 0, np.arange(len(v)), 0))
     return moving[last]
+
+
+def with_simulation(recording: Recording, without: tuple[tuple[str, str], ...] = ()) -> Recording:
+    """The same part with `curr_*_sim`: the machine's own currents but for the (axis, mechanism) pairs left out.
+
+    Mechanisms: coulomb_friction, viscous_friction, inertia, cutting_force; spindle_torque_load on sp.
+    """
+    simulated = {}
+    for i, axis in enumerate("xyz"):
+        laws = {
+            "coulomb_friction": _last_direction(recording[f"v_{axis}"]) * _I_C[i],
+            "viscous_friction": recording[f"v_{axis}"] * _B[i],
+            "inertia": recording[f"a_{axis}"] * _M[i],
+            "cutting_force": -recording[FORCE_SIM[axis]] * _K[i],
+        }
+        simulated[CURRENT_SIM[axis]] = _LEVEL[i] + sum(v for name, v in laws.items() if (axis, name) not in without)
+    torque = 0.0 if ("sp", "spindle_torque_load") in without else _K_SP * recording["m_sp_sim"]
+    simulated["curr_sp_sim"] = _I_SP + _C_SP * recording["v_sp"] + torque
+    return recording.with_columns(**simulated)
