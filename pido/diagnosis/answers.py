@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, wo
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term, gate_variable
+from pido.diagnosis.units import units
 
 _NEAR = 20.0  # BIC: rivals this close are not told apart on these data
 _MOST_ALTERNATIVES = 4
@@ -43,12 +45,13 @@ def finding_of(
 ) -> Finding:
     """One term of one axis as a finding. effect : (n,), A on every row of `mismatch`."""
     term = answer.terms[which]
+    known = units(term.mechanism, dict(term.shape), mismatch.axis)
     return Finding(
         axis=mismatch.axis,
         mechanism=term.name,
         kind=kind_of(term),
         equation=equation_text(term, mismatch.axis),
-        parameters=parameters,
+        parameters={n: replace(e, unit=known.get(n, e.unit)) for n, e in parameters.items()},
         where=where_of(mismatch.states, term, effect, mismatch.edges, noise_level),
         evidence=Evidence(answer.p_values[which], answer.q_values[which], answer.delta_bic[which]),
         fit=held_out,

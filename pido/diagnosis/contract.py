@@ -17,9 +17,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pido.core.arrays import Float1D
 from pido.core.errors import DiagnosisError
+from pido.core.files import replacing, write_atomically
 from pido.core.names import file_name
 from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
+from pido.diagnosis.pair import pair_of
 
 SCHEMA = "pido.diagnosis/1"
 MODEL_SCHEMA = "pido.diagnosis.model/1"
@@ -50,14 +53,22 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "rejected": [{"axis": r.axis, "mechanism": r.mechanism, "reason": r.reason} for r in diagnosis.rejected],
         "notes": list(diagnosis.notes),
+        "pair": diagnosis.model.get("pair"),
+        "unit": unit_of_series(diagnosis.model),
     }
 
 
 def write(diagnosis: Diagnosis, folder: Path) -> None:
-    """All files of a diagnosis into `folder`, which is made if it is not there."""
+    """All files of a diagnosis into `folder`, which is made if it is not there; those of a former one there go."""
+    unit = unit_of_series(diagnosis.model)
+    series = {folder / "parts" / f"{file_name(part)}.parquet": s for part, s in diagnosis.parts.items()}
+    if (folder / "diagnosis.json").exists():
+        (folder / "diagnosis.json").unlink()
+        for former in set((folder / "parts").glob("*.parquet")) - set(series):
+            former.unlink()
     (folder / "parts").mkdir(parents=True, exist_ok=True)
-    for part, series in diagnosis.parts.items():
-        write_series(series, folder / "parts" / f"{file_name(part)}.parquet")
+    for path, one in series.items():
+        write_series(one, path, unit)
     write_json({"schema": MODEL_SCHEMA, **diagnosis.model}, folder / "model.json")
     write_json(as_details(diagnosis), folder / "details.json")
     write_json(as_contract(diagnosis), folder / "diagnosis.json")
@@ -77,23 +88,30 @@ def read_model(folder: Path) -> dict[str, Any]:
     return model
 
 
-def write_series(series: PartSeries, path: Path) -> None:
-    """One part sample by sample: `time`, `mismatch_<axis>`, `mismatch_score_<axis>`, `curr_<axis>_corrected`."""
-    columns: dict[str, Any] = {"time": series.time}
+def unit_of_series(model: Mapping[str, object]) -> str:
+    """Of mismatch and corrected signal: A, or the unit of the pair of columns that was compared."""
+    pair = pair_of(model)
+    return "A" if pair is None else pair.unit
+
+
+def write_series(series: PartSeries, path: Path, unit: str = "A") -> None:
+    """One part sample by sample: `time`, `mismatch_<axis>`, `mismatch_score_<axis>`, `curr_<axis>_corrected`.
+
+    The unit of each column stands in its field's metadata, as in recordings that pido writes.
+    """
+    columns: dict[tuple[str, str], Float1D] = {("time", "s"): series.time}
     for axis in series.corrected:
-        columns[f"mismatch_{axis}"] = series.mismatch[axis]
-        columns[f"mismatch_score_{axis}"] = series.score[axis]
-        columns[f"curr_{axis}_corrected"] = series.corrected[axis]
-    partial = _beside(path)
-    pq.write_table(pa.table(columns), partial)
-    partial.replace(path)
+        columns[f"mismatch_{axis}", unit] = series.mismatch[axis]
+        columns[f"mismatch_score_{axis}", "–"] = series.score[axis]
+        columns[f"curr_{axis}_corrected", unit] = series.corrected[axis]
+    schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": u}) for name, u in columns])
+    with replacing(path) as temporary:
+        pq.write_table(pa.Table.from_arrays([pa.array(v) for v in columns.values()], schema=schema), temporary)
 
 
 def write_json(data: Mapping[str, Any], path: Path) -> None:
     """`data` as one JSON file; a number that is not finite becomes null."""
-    partial = _beside(path)
-    partial.write_text(json.dumps(_finite(data), indent=2, allow_nan=False, ensure_ascii=False), encoding="utf-8")
-    partial.replace(path)
+    write_atomically(path, json.dumps(_finite(data), indent=2, allow_nan=False, ensure_ascii=False))
 
 
 def _finding(f: Finding) -> dict[str, Any]:
@@ -138,7 +156,3 @@ def _finite(data: Any) -> Any:
     if hasattr(data, "item"):
         data = data.item()
     return None if isinstance(data, float) and not math.isfinite(data) else data
-
-
-def _beside(path: Path) -> Path:
-    return path.with_name(f".{path.name}.partial")

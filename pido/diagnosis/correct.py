@@ -18,6 +18,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.finding import PartSeries
 from pido.diagnosis.locate import score
 from pido.diagnosis.models import AxisModel, axis_models
+from pido.diagnosis.pair import pair_of
 from pido.diagnosis.state import AxisState, axis_states
 
 
@@ -29,6 +30,9 @@ def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence
     Raises DiagnosisError where the recording has no simulated current and the model has no equation for it.
     """
     models = axis_models(model)
+    pair = pair_of(model)
+    if pair is not None:
+        recording, earlier = pair.of(recording), [pair.of(r) for r in earlier]
     without = _without_currents(recording)
     mismatch: dict[str, Float1D] = {}
     scores: dict[str, Float1D] = {}

@@ -9,10 +9,13 @@ axis, the search of `pido.diagnosis.identify`; amplitudes, intervals and proof o
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
+from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from pido.core.arrays import Float1D
@@ -23,7 +26,7 @@ from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
-from pido.diagnosis.confirm import cross_residual, held_out
+from pido.diagnosis.confirm import held_out
 from pido.diagnosis.contained import contained
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
@@ -31,13 +34,16 @@ from pido.diagnosis.finding import Diagnosis, Finding, HeldOut, PartSeries, Reje
 from pido.diagnosis.identify import (
     SIGNIFICANT_NAME,
     Answer,
+    by_error,
     candidates,
     confirm,
+    even,
     first_noise,
     likelier,
     noise_of,
     plainest,
     rivals_of,
+    rms_held_out,
     select_terms,
 )
 from pido.diagnosis.locate import score
@@ -55,6 +61,8 @@ from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
 _LEAST_ROWS = 500
+_WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
+Result = TypeVar("Result")
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
 
@@ -103,29 +111,38 @@ def _diagnose(
     models: dict[str, AxisModel] = {}
     series: dict[str, dict[str, tuple[Float1D, Float1D, Float1D]]] = {r.part.part: {} for r in parts}
     limits = {a: clipped(parts, a) for a in axes}
-    looks = {a: _first_look(_lay_out(parts, a, machine, limits[a], searching=True), rng) for a in axes}
+    count = 2 * len(axes)
+    several = len(axes) * sum(len(r) for r in parts) > _WORTH_PROCESSES
+
+    def each(work: Callable[..., Result], given: Mapping[str, tuple[Any, ...]], done: int, what: str):
+        """Result of `work` for every axis, each with random numbers of its own."""
+        calls = {a: (*given[a], r) for a, r in zip(axes, rng.spawn(len(axes)), strict=True)}
+        return _each(work, calls, several, lambda k, a: on_progress(done + k, count, f"{what} axis {a}"))
+
+    looks = each(_look_at, {a: (parts, a, machine, limits[a]) for a in axes}, 0, "first look at")
     delay = find_delay(
         {a: k.mismatch for a, k in looks.items()},
         {a: k.noise for a, k in looks.items()},
         {a: k.best_gain for a, k in looks.items()},
     )
-    if delay is not None:
-        findings.append(timing_finding(delay, {a: k.mismatch for a, k in looks.items()}))
-        looks = {a: _first_look(_without_delay(k.mismatch, delay), rng) for a, k in looks.items()}
-    for k, axis in enumerate(axes):
-        on_progress(k, len(axes), f"axis {axis}")
-        answer = search(looks.pop(axis), rng, len(axes), timed=delay is not None)
-        full = _lay_out(parts, axis, machine, limits[axis], searching=False)
-        work = _settle(full if delay is None else _without_delay(full, delay), parts, answer, rng, delay, limits[axis])
-        if limits[axis]:
-            work.findings.append(clipping_finding(parts, axis, limits[axis], work.model.noise_level))
+    for last in (False, True):
+        if delay is not None:
+            findings.append(timing_finding(delay, {a: k.mismatch for a, k in looks.items()}))
+            looks = each(_look_without, {a: (k.mismatch, delay) for a, k in looks.items()}, 0, "in time again:")
+        answers = each(search, {a: (k, len(axes), delay is not None) for a, k in looks.items()}, 0, "")
+        # A small shift shows only when what is larger is out.
+        if last or delay is not None or (delay := _delay_beside(looks, answers)) is None:
+            break
+    looks.clear()
+    proved = each(_prove, {a: (parts, answers[a], machine, limits[a], delay) for a in axes}, len(axes), "proof of")
+    for axis, work in proved.items():
         findings += work.findings
         rejected += work.rejected
         notes += work.notes
         models[axis] = work.model
         for recording, values in zip(parts, work.series, strict=True):
             series[recording.part.part][axis] = values
-    on_progress(len(axes), len(axes), "done")
+    on_progress(count, count, "done")
     findings.sort(key=lambda f: -_strength(f, models))
     found = {f.axis for f in findings}
     result = Diagnosis(
@@ -140,6 +157,23 @@ def _diagnose(
         notes=tuple(notes),
     )
     return result if pair is None else in_its_unit(result, pair)
+
+
+def _each(
+    work: Callable[..., Result], calls: Mapping[str, tuple[Any, ...]], several: bool, tell: Callable[[int, str], None]
+) -> dict[str, Result]:
+    """What `work` makes of every axis; in several processes where that is worth starting them."""
+    jobs = min(len(calls), os.cpu_count() or 1) if several else 1
+    if jobs == 1:
+        made = (work(*given) for given in calls.values())
+    else:
+        made = Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(*given) for given in calls.values())
+    out: dict[str, Result] = {}
+    waiting = iter(made)
+    for k, axis in enumerate(calls):
+        tell(k, axis)
+        out[axis] = next(waiting)
+    return out
 
 
 def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:
@@ -197,12 +231,37 @@ def _lay_out(
     return lay_out(states, targets, bases, names, stride)
 
 
+def _look_at(
+    parts: Sequence[Recording], axis: str, machine: Machine | None, limits: Limits, rng: np.random.Generator
+) -> _Look:
+    return _first_look(_lay_out(parts, axis, machine, limits, searching=True), rng)
+
+
+def _look_without(mismatch: Mismatch, delay: Delay, rng: np.random.Generator) -> _Look:
+    return _first_look(_without_delay(mismatch, delay), rng)
+
+
+def _prove(
+    parts: Sequence[Recording],
+    answer: Answer,
+    machine: Machine | None,
+    limits: Limits,
+    delay: Delay | None,
+    rng: np.random.Generator,
+) -> _Work:
+    full = _lay_out(parts, answer.axis, machine, limits, searching=False)
+    work = _settle(full if delay is None else _without_delay(full, delay), parts, answer, rng, delay, limits)
+    if limits:
+        work.findings.append(clipping_finding(parts, answer.axis, limits, work.model.noise_level))
+    return work
+
+
 def _first_look(mismatch: Mismatch, rng: np.random.Generator) -> _Look:
     plain, rejected = candidates(CATALOGUE, mismatch, {})
     noise = first_noise(mismatch, plain)
     inside = contained(mismatch, CATALOGUE, noise, rng)
     offered, _ = candidates(CATALOGUE, mismatch, inside)
-    library = Library(mismatch, [t for t in offered if t.mechanism.id != "time_misalignment"], _any_sign(inside))
+    library = Library(mismatch, _not_timing(offered), _any_sign(inside))
     library.whiten(noise)
     scores = library.screen(basis(library, noise, []))
     gain = max((s.gain for s in scores), default=0.0)
@@ -217,25 +276,53 @@ def _without_delay(mismatch: Mismatch, delay: Delay) -> Mismatch:
     return mismatch if mismatch.sim is None or mismatch.base_names else shift_target(mismatch, delay)
 
 
-def search(look: _Look, rng: np.random.Generator, axes: int, timed: bool) -> Answer:
+def _delay_beside(looks: Mapping[str, _Look], answers: Mapping[str, Answer]) -> Delay | None:
+    """A delay in what the terms leave, if it explains more there than one more mechanism on every axis would."""
+    left, noises = {}, {}
+    for axis, look in looks.items():
+        answer = answers[axis]
+        assert answer.noise is not None
+        noises[axis] = answer.noise
+        left[axis] = look.mismatch.with_target(fit(look.mismatch, answer.noise, answer.terms).residual)
+    if find_delay(left, noises, {}) is None:
+        return None
+    gains = {}
+    for axis, look in looks.items():
+        library = Library(left[axis], _not_timing(look.offered), _any_sign(look.inside))
+        library.whiten(noises[axis])
+        scores = library.screen(basis(library, noises[axis], []))
+        gains[axis] = max((s.gain for s in scores), default=0.0)
+    return find_delay(left, noises, gains)
+
+
+def _not_timing(terms: Sequence[Term]) -> list[Term]:
+    return [t for t in terms if t.mechanism.id != "time_misalignment"]
+
+
+def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Answer:
     """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out."""
     mismatch, noise = look.mismatch, look.noise
     answer = Answer(mismatch.axis, rejected=list(look.rejected))
     # A shift in time is common to all axes, and was decided before: on one axis it can only be a rival.
     rivals = [t for t in look.offered if t.mechanism.id != "sensor_clipping"]
-    offered = [t for t in rivals if t.mechanism.id != "time_misalignment"]
-    library = Library(mismatch, offered, _any_sign(look.inside))
+    library = Library(mismatch, _not_timing(rivals), _any_sign(look.inside))
     terms = select_terms(library, noise)
     # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
     noise = noise_of(mismatch, noise, terms)
+    former = terms
     terms = select_terms(library, noise, terms)
-    noise = noise_of(mismatch, noise, terms)
+    questions = axes * len({t.name for t in library.terms})
+    terms = by_error(library, terms, questions)
+    if terms != former:
+        noise = noise_of(mismatch, noise, terms)
+    library.whiten(noise)
+    former = terms
     terms, note = with_unknown(library, noise, terms, int(rng.integers(2**31)))
     if note is not None:
         answer.notes.append(note)
-    noise = noise_of(mismatch, noise, terms)
+    if terms != former:
+        noise = noise_of(mismatch, noise, terms)
     terms = plainest(library, noise, terms)
-    questions = axes * len({t.name for t in library.terms})
     terms = confirm(library, noise, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier.
     other = likelier(library, noise, terms)
@@ -267,17 +354,17 @@ def _settle(
 ) -> _Work:
     """The final fit on every row, its proof, and the series of every part."""
     recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
-    rest = flexible_rest(full, fit(full, _even(full), answer.terms).residual)
+    rest = flexible_rest(full, fit(full, even(full), answer.terms).residual)
     noise = estimate_noise(rest, full.starts, full.noise_class, full.usable)
     terms = settle_shapes(full, noise, answer.terms)
-    if _rms_held_out(full, _even(full), terms) < _PLAIN_IS_BETTER * _rms_held_out(full, noise, terms):
+    if rms_held_out(full, even(full), terms) < _PLAIN_IS_BETTER * rms_held_out(full, noise, terms):
         # The terms lack something that is slow: weights that listen to what is quick would fit them to the wrong part.
-        noise = _even(full)
+        noise = even(full)
         terms = settle_shapes(full, noise, terms)
     terms, proofs = _proved(full, noise, terms, answer, recorded)
     found = estimate(full, noise, terms, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
-    alone = fit(full, _even(full), [])
+    alone = fit(full, even(full), [])
     level = robust_sd(found.fit.residual[full.usable])
     equation = Equation(full.base_names, alone.base, found.fit.base) if full.base_names else None
     model = AxisModel(
@@ -322,16 +409,6 @@ def _proved(
         kept = _without(kept, i)
         for each in (answer.p_values, answer.q_values, answer.delta_bic, answer.rivals):
             del each[i]
-
-
-def _rms_held_out(full: Mismatch, noise: Noise, terms: Sequence[Term]) -> float:
-    left = cross_residual(full, noise, terms)[full.usable]
-    return float(np.sqrt(np.mean(left**2)))
-
-
-def _even(full: Mismatch) -> Noise:
-    """Noise that is the same everywhere and forgets at once."""
-    return Noise(np.zeros(0), np.ones(full.n), 1.0, full.usable)
 
 
 def _replaced(full: Mismatch, alone: Float1D, joint: Float1D) -> tuple[str, ...]:

@@ -19,10 +19,10 @@ from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.state import AxisState
 
 FEW_PARTS = 3
-SEARCH_ROWS = 60_000  # rows that a search looks at; a longer record is averaged down to them, final fits use every row
+SEARCH_ROWS = 40_000  # rows that a search looks at; a longer record is averaged down to them, final fits use every row
 BLOCKS = 160  # blocks in all, at most, that uncertainty is counted in
 _SHORTEST_BLOCK_S = 1.0  # whitened rows forget within a few samples; what whitening misses is forgotten within this
-_SLOWEST_SEARCH_HZ = 40.0  # a search never averages below this rate: reversals last a tenth of a second
+_SLOWEST_SEARCH_HZ = 20.0  # a search never averages below this rate: reversals last a tenth of a second
 
 Rows = TypeVar("Rows")
 
@@ -126,7 +126,7 @@ def search_stride(rows: int, rate_hz: float) -> int:
     """How many rows a search may average into one.
 
     >>> search_stride(40_000, 100.0), search_stride(1_000_000, 500.0)
-    (1, 12)
+    (1, 25)
     """
     wanted = int(np.ceil(rows / SEARCH_ROWS))
     return max(1, min(wanted, int(rate_hz / _SLOWEST_SEARCH_HZ)))

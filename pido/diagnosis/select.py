@@ -78,6 +78,8 @@ class Library:
 
     def whiten(self, noise: Noise) -> None:
         """From now on, under this noise."""
+        if noise is self.noise:
+            return
         self.noise = noise
         self.whitened = np.empty_like(self.rows)
         for i in range(0, len(self.rows), _CHUNK):

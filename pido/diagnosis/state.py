@@ -281,7 +281,8 @@ def _area_removal(mrr: Float1D | None, own: Motion, others: Mapping[str, Motion]
 def _tool(recording: Recording) -> Array1D | None:
     """Tool per sample, as text: from the column, else from the tool changes of part.json."""
     if "tool_id" in recording:
-        return np.array([_tool_key(v) for v in recording["tool_id"]], dtype=object)
+        values, which = np.unique(recording["tool_id"], return_inverse=True)
+        return np.array([_tool_key(v) for v in values], dtype=object)[which]
     changes = sorted(recording.part.tool_changes, key=lambda c: c.t)
     tools = recording.part.tools
     if not changes:

@@ -161,11 +161,13 @@ def _is_known(library: Library, noise: Noise, term: Term) -> bool:
     """Whether a formula is a mechanism of the catalogue in other words."""
     row = noise.whiten(term.columns(library.mismatch.states)).astype(np.float32)[0]
     length = float(np.sqrt(row @ row))
+    if length == 0:
+        return True
     singles = [i for i, j in library.spans if j - i == 1]
     size = np.sqrt(
         [max(float(g[0, 0]), 1e-30) for g, (i, j) in zip(library.grams, library.spans, strict=True) if j - i == 1]
     )
-    return length == 0 or bool(np.max(np.abs(library.whitened[singles] @ row) / size, initial=0.0) > _SAME * length)
+    return bool(np.max(np.abs((library.whitened @ row)[singles]) / size, initial=0.0) > _SAME * length)
 
 
 def _quantities(term: Term) -> frozenset[str]:

@@ -41,12 +41,13 @@ class Noise:
     valid: Bool1D
 
     def whiten(self, rows: Float2D) -> Float2D:
-        """(k, n) -> (k, n) with unit, independent errors; rows that have no full past become zero."""
-        scaled = rows / self.level
+        """(k, n) -> (k, n) with unit, independent errors; rows that have no full past become zero; float32 stays."""
+        kind = np.float32 if rows.dtype == np.float32 else float
+        scaled = rows / self.level.astype(kind, copy=False)
         out = scaled.copy()
         for lag, phi in enumerate(self.ar, start=1):
-            out[..., lag:] -= phi * scaled[..., :-lag]
-        out *= self.valid / self.innovation
+            out[..., lag:] -= float(phi) * scaled[..., :-lag]
+        out *= (self.valid / self.innovation).astype(kind, copy=False)
         return out
 
     @property
