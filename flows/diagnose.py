@@ -1,73 +1,120 @@
 """After an iteration: what physics the simulation of the latest parts left out, on Prefect's pages and in MLflow.
 
 In:  a workspace, a machine, how many of its newest parts. Out: `diagnosis/<machine>/` in the workspace with the files
-of `pido diagnose`, a markdown artifact, and the same files with the newest run of the machine in MLflow.
+of `pido diagnose`, a markdown artifact, a link, and the same files with the newest run of the machine in MLflow.
+
+It is a run of its own, asked for by the run of the iteration, which goes on without waiting: nothing of the iteration
+depends on it. Which parts a folder is about is written into it last, so a diagnosis that was killed is done again, and
+one that MLflow has not got is logged by the next call.
 """
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
-from prefect import flow, task
-from prefect.artifacts import create_markdown_artifact
+from prefect import flow, get_run_logger, task
+from prefect.artifacts import create_link_artifact, create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
+from flows.submit import alive
 from pido.core.errors import DiagnosisError
+from pido.core.files import write_atomically
 from pido.core.names import file_name
-from pido.diagnosis import contract
-from pido.diagnosis.diagnose import diagnose
+from pido.diagnoses import diagnose_into
 from pido.parts import machine_of
-from pido.reports.diagnosis import diagnosis_page
-from pido.reports.page import write_page
 from pido.store import Store
 from pido.tracking.diagnoses import attach
 from pido.tracking.ledger import Ledger
-from pido.workspace import Workspace
+from pido.workspace import Workspace, code_version
 
 PARTS = 6
 """Of the newest parts that are diagnosed together: enough to judge on parts left out, few enough for minutes."""
 
 
+def due(workspace: str, machine: str, count: int = PARTS) -> bool:
+    """Whether the newest parts are not diagnosed yet, or MLflow has not got it."""
+    place = Workspace.open(workspace)
+    known = _known(_folder(place, machine))
+    return known.get("of") != _of(place, machine, count) or bool(known.get("fault"))
+
+
 @task(name="diagnose", cache_policy=NO_CACHE, persist_result=False)
 def find(workspace: str, machine: str, count: int) -> dict[str, Any]:
-    """Diagnose the newest parts: {'folder', 'lines', 'notes'}. Parts that cannot be compared are an answer too."""
+    """Diagnose the newest parts: {'parts', 'lines', 'notes'}. Parts that cannot be compared are an answer too."""
     place = Workspace.open(workspace)
-    known = set(Ledger(place.ledger).parts(machine))
-    store = Store(place.store)
-    newest = [e.digest for e in store.entries() if e.digest in known][-count:]
-    folder = place.root / "diagnosis" / file_name(machine)
-    recordings = [store.load(digest) for digest in newest]
+    recordings = [Store(place.store).load(digest) for digest in _newest(place, machine, count)]
+    names = [recording.part.part for recording in recordings]
     try:
-        result = diagnose(recordings, machine=machine_of(place, machine), seed=place.settings.seed)
+        result = diagnose_into(
+            _folder(place, machine), recordings, machine=machine_of(place, machine), seed=place.settings.seed
+        )
     except DiagnosisError as error:
-        return {"folder": None, "lines": [], "notes": [str(error)]}
-    contract.write(result, folder)
-    write_page(diagnosis_page(result, recordings), folder / "report.html")
+        return {"parts": names, "compared": False, "lines": [], "notes": [str(error)]}
     lines = [
         f"| {f.axis} | {f.mechanism} | {f.where.summary} | {f.fit.rmse_before:.3g} | {f.fit.rmse_after:.3g} |"
         for f in result.findings
     ]
-    return {"folder": str(folder), "lines": lines, "notes": list(result.notes)}
+    return {"parts": names, "compared": True, "lines": lines, "notes": list(result.notes)}
 
 
 @task(name="diagnosis into MLflow", cache_policy=NO_CACHE, persist_result=False)
-def log(workspace: str, machine: str, folder: str) -> str:
-    """Why MLflow has not got it, or ''."""
-    return attach(Workspace.open(workspace), machine, Path(folder))
+def log(workspace: str, machine: str) -> tuple[str, str]:
+    """(Where MLflow shows it, why MLflow has not got it)."""
+    place = Workspace.open(workspace)
+    return attach(place, machine, _folder(place, machine))
 
 
 @flow(name="diagnose", flow_run_name="diagnose {machine}", persist_result=False)
 def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[str, Any]:
-    """Diagnose the newest parts of a machine; nothing of the iteration depends on it."""
-    found = find(workspace, machine, count)
-    fault = log(workspace, machine, found["folder"]) if found["folder"] else ""
-    create_markdown_artifact(key="diagnosis", markdown=page(machine, found), description=machine)
-    return {**found, "fault": fault}
+    """Diagnose the newest parts of a machine. What is known already is not searched for again."""
+    place = Workspace.open(workspace)
+    folder = _folder(place, machine)
+    with alive(place), place.lock(f"diagnosis {machine}"):
+        of, found = _of(place, machine, count), _known(folder)
+        if found.get("of") != of:
+            (folder / "of.json").unlink(missing_ok=True)
+            found = {"of": of, **find(workspace, machine, count)}
+        link, found["fault"] = log(workspace, machine) if found["compared"] else ("", "")
+        write_atomically(folder / "of.json", json.dumps(found, sort_keys=True))
+    if found["fault"]:
+        get_run_logger().warning("MLflow has not got the diagnosis (%s); the next one brings it", found["fault"])
+    create_markdown_artifact(key="diagnosis", markdown=page(machine, found, folder), description=machine)
+    if link:
+        create_link_artifact(key="diagnosis-report", link=link, link_text=f"Diagnosis of {machine}")
+    return found
 
 
-def page(machine: str, found: dict[str, Any]) -> str:
+def page(machine: str, found: dict[str, Any], folder: Path) -> str:
     """Markdown for Prefect's pages."""
     table = ["| axis | mechanism | where | RMSE before | after |", "|---|---|---|---|---|", *found["lines"]]
-    body = table if found["lines"] else ["Nothing significant." if found["folder"] else "No answer:"]
-    return "\n".join([f"# Diagnosis of {machine}", "", *body, "", *found["notes"]])
+    body = table if found["lines"] else ["Nothing significant." if found["compared"] else "No answer:"]
+    about = f"Newest parts: {_plain(', '.join(found['parts']))}."
+    where = [f"The whole report: `{folder / 'report.html'}`"] if found["compared"] else []
+    return "\n\n".join([f"# Diagnosis of {_plain(machine)}", about, "\n".join(body), *found["notes"], *where])
+
+
+def _plain(text: str) -> str:
+    return text.replace("|", " ").replace("<", "&lt;")
+
+
+def _newest(place: Workspace, machine: str, count: int) -> list[str]:
+    known = set(Ledger(place.ledger).parts(machine))
+    return [e.digest for e in Store(place.store).entries() if e.digest in known][-count:]
+
+
+def _of(place: Workspace, machine: str, count: int) -> list[str]:
+    """What decides a diagnosis: the parts, the settings, the code."""
+    return [*_newest(place, machine, count), place.settings_digest(machine), code_version()]
+
+
+def _folder(place: Workspace, machine: str) -> Path:
+    return place.root / "diagnosis" / file_name(machine)
+
+
+def _known(folder: Path) -> dict[str, Any]:
+    try:
+        return json.loads((folder / "of.json").read_text(encoding="utf-8"))
+    except (FileNotFoundError, json.JSONDecodeError):
+        return {}

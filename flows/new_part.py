@@ -3,6 +3,8 @@
 In:  a workspace and the path of what arrived. Out: a run whose tasks, retries and artifact are on Prefect's pages; the
 result itself is in the workspace, bit for bit the one of the plain call. Paths and digests are handed on, never data.
 
+Its physics is looked at in a run of its own (`flows.diagnose`), which is asked for and not waited for.
+
 One run per machine at a time is held by the workspace's own lock, which the kernel frees when a run is killed. A stage
 that failed for want of a disk or a server is tried again; input that cannot be used is not.
 """
@@ -15,8 +17,9 @@ from typing import Any
 from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
-from prefect.runtime import flow_run
 
+from flows.diagnose import due
+from flows.submit import alive, ask_diagnosis
 from pido import parts, production
 from pido.core.errors import PidoError
 from pido.tracking.figures import markdown
@@ -51,37 +54,39 @@ log = task(name="log", **_STAGE)(production.log)
 @flow(name="new-part", flow_run_name="{path}", persist_result=False)
 def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str, Any]:
     """One arrival: taken in, or rejected with its reason; then one iteration. Known parts end at once."""
-    try:
-        arrived = ingest(workspace, path, machine)
-    except PidoError as error:
-        if not isinstance(error, parts.Changed):
-            parts.reject(Workspace.open(workspace), Path(path), str(error), move=True)
-        raise
-    outcome = iteration(workspace, arrived["machine"], arrived["part"])
-    parts.put_away(Workspace.open(workspace), Path(path))
-    return outcome
+    place = Workspace.open(workspace)
+    with alive(place):
+        try:
+            arrived = ingest(workspace, path, machine)
+        except PidoError as error:
+            if not isinstance(error, parts.Changed):
+                parts.reject(place, Path(path), str(error), move=True)
+            raise
+        outcome = iteration(workspace, arrived["machine"], arrived["part"])
+        parts.put_away(place, Path(path))
+        return outcome
 
 
 @flow(name="retrain", flow_run_name="retrain {machine}", persist_result=False)
 def retrain_machine(workspace: str, machine: str) -> dict[str, Any]:
     """Bring a machine's challenger up to its parts and settings, also when nothing arrived."""
-    return iteration(workspace, machine, None)
+    with alive(Workspace.open(workspace)):
+        return iteration(workspace, machine, None)
 
 
 @flow(name="nightly", persist_result=False)
 def nightly(workspace: str) -> list[dict[str, Any]]:
     """Every machine of the workspace once, and whatever MLflow has not got yet."""
-    outcomes = [iteration(workspace, m, None) for m in production.machines(workspace)]
-    log(workspace)
-    return outcomes
+    with alive(Workspace.open(workspace)):
+        outcomes = [iteration(workspace, m, None) for m in production.machines(workspace)]
+        log(workspace)
+        return outcomes
 
 
 def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
     """The stages of one iteration, inside the machine's lock."""
     logger = get_run_logger()
-    place = Workspace.open(workspace)
-    # The first lock says that this run has a process (flows.submit.sweep looks), the second that it has the machine.
-    with place.lock(f"run {flow_run.id}"), place.lock(machine):
+    with Workspace.open(workspace).lock(machine):
         key = begin(workspace, machine, part)
         if production.done(workspace, key):
             logger.info("nothing new: this state is known")
@@ -94,6 +99,8 @@ def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
             publish(workspace, key)
             production.clear(workspace, key)
         log(workspace)
+    if due(workspace, machine) and (fault := ask_diagnosis(workspace, machine)):
+        logger.warning("no diagnosis: %s", fault)
     outcome = production.outcome(workspace, key)
     create_markdown_artifact(key="iteration", markdown=_page(outcome), description=outcome["part"]["name"])
     return {"machine": machine, "part": outcome["part"]["name"], "version": outcome["version"], "run_key": key}

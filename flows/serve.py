@@ -1,7 +1,8 @@
-"""The worker: one process that serves the flows of a workspace - arrivals, nightly retraining, promotion.
+"""The worker: one process that serves the flows of a workspace - arrivals, retraining, diagnosis, approval, trials.
 
-In:  a workspace, and `PREFECT_API_URL`. Out: runs, each in a process of its own, at most two at a time (a second
-machine need not wait for the first; runs of one machine wait for each other at the workspace's lock).
+In:  a workspace, and `PREFECT_API_URL`. Out: runs, each in a process of its own, at most three at a time (a second
+machine need not wait for the first, nor a part for a diagnosis; iterations of one machine wait for each other at the
+workspace's lock).
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Any
 import click
 from prefect import serve
 
+from flows.diagnose import diagnose_newest
+from flows.experiment import experiment
 from flows.new_part import new_part, nightly, retrain_machine
 from flows.promote import promote
 from pido.workspace import Workspace
@@ -38,10 +41,12 @@ def main(folder: Path) -> None:
         new_part.to_deployment("arrivals", parameters=place),
         retrain_machine.to_deployment("on-request", parameters=place),
         nightly.to_deployment("nightly", parameters=place, cron=cron),
+        diagnose_newest.to_deployment("newest", parameters=place),
         promote.to_deployment("approval", parameters=place),
+        experiment.to_deployment("on-request", parameters=place),
     ]
     # Not paused while the worker is away: what is asked for meanwhile waits for it.
-    serve(*deployments, limit=2, pause_on_shutdown=False)
+    serve(*deployments, limit=3, pause_on_shutdown=False)
 
 
 def _beat(path: Path) -> None:

@@ -9,21 +9,28 @@ holds its lock is dead (worker and run were killed together): it is set to Crash
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from uuid import NAMESPACE_URL, uuid5
 
+from httpx import HTTPError
 from prefect.client.orchestration import get_client
 from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterState, FlowRunFilterStateType, FlowRunFilterTags
 from prefect.client.schemas.objects import FlowRun, StateType
 from prefect.deployments import run_deployment
 from prefect.events import emit_event
+from prefect.exceptions import ObjectNotFound, PrefectException
+from prefect.runtime import flow_run
 from prefect.states import Crashed
 
-from pido.workspace import Workspace
+from pido.workspace import Workspace, digest_of
 
 log = logging.getLogger(__name__)
 DEPLOYMENT = "new-part/arrivals"
-LIVE = [StateType.SCHEDULED, StateType.PENDING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
+DIAGNOSIS = "diagnose/newest"
+WAITING = [StateType.SCHEDULED, StateType.PENDING]
+LIVE = [*WAITING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
 SILENT = timedelta(seconds=30)
 
 
@@ -45,6 +52,30 @@ def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
     return True
 
 
+def ask_diagnosis(workspace: str, machine: str) -> str:
+    """Ask for a diagnosis of the machine's newest parts; one that is waiting already will see them too.
+
+    Returns why it was not asked for, '' if it was: whatever it is, the iteration is done and stays so.
+    """
+    tag = f"diagnosis:{digest_of(machine)[:16]}"
+    try:
+        if not _runs(tag, WAITING):
+            parameters = {"workspace": workspace, "machine": machine}
+            run_deployment(DIAGNOSIS, parameters=parameters, tags=[tag], timeout=0, as_subflow=False)
+    except ObjectNotFound:
+        return f"no worker serves {DIAGNOSIS}"
+    except (PrefectException, HTTPError, OSError, RuntimeError) as error:
+        return f"Prefect cannot be asked ({error})"
+    return ""
+
+
+@contextmanager
+def alive(workspace: Workspace) -> Iterator[None]:
+    """Around all that a flow does: the lock that tells `sweep` that this run has a process."""
+    with workspace.lock(f"run {flow_run.id}"):
+        yield
+
+
 def sweep(workspace: Workspace) -> int:
     """Set runs to Crashed that say Running but have no process: nobody holds the lock that a run takes at its start.
 
@@ -61,10 +92,10 @@ def sweep(workspace: Workspace) -> int:
     return dead
 
 
-def _runs(tag: str | None, states: list[StateType] = LIVE, client=None) -> list[FlowRun]:
+def _runs(tag: str | None, states: Sequence[StateType] = LIVE, client=None) -> list[FlowRun]:
     wanted = FlowRunFilter(
         tags=FlowRunFilterTags(all_=[tag]) if tag else None,
-        state=FlowRunFilterState(type=FlowRunFilterStateType(any_=states)),
+        state=FlowRunFilterState(type=FlowRunFilterStateType(any_=list(states))),
     )
     if client is not None:
         return client.read_flow_runs(flow_run_filter=wanted)
