@@ -34,7 +34,7 @@ from pido.equations.terms import TermSet
 from pido.feature_space.density import balance as evenness
 from pido.feature_space.density import occupancy, relevant_bins
 from pido.feature_space.grid import Grid
-from pido.models.axis_models import AxisModels, held_out_errors
+from pido.models.axis_models import AxisModels, Trained, held_out_errors
 from pido.models.inputs import InputKind
 from pido.models.metrics import AxisMetrics, metrics
 from pido.models.rivals import RIVALS
@@ -129,7 +129,8 @@ def iterate(
         adaptation = refit(training_rows(parts, known[: rests_on(len(known))]), machine, recipe, seed)
         rehearsal = balance(before, path, adaptation, machine, recipe, seed)
         on_progress(1, 6, "models before the part")
-        models = {v: retrain(before, rehearsal.generated, rehearsal.weights, v, recipe, seed) for v in variants}
+        trained, made = Trained(), rehearsal.generated
+        models = {v: retrain(before, made, rehearsal.weights, v, recipe, seed, trained) for v in variants}
         on_progress(2, 6, "comparison")
         evaluation = evaluate(path, before, models)
     on_progress(3, 6, "equations and rows")
@@ -173,8 +174,12 @@ def refit(real: Samples, machine: Machine, recipe: Recipe, seed: int) -> Adaptat
     if recipe.method.adaptive:
         model_error = held_out_errors(real, inputs=recipe.inputs, grid=recipe.method.grid, seed=seed)
 
+    trained = Trained()
+
     def train(rows: Samples, weights: Float2D) -> Callable[[Samples], Float2D]:
-        return AxisModels.fit(rows, weights, choice=recipe.estimators, inputs=recipe.inputs, seed=seed).predict
+        return AxisModels.fit(
+            rows, weights, choice=recipe.estimators, inputs=recipe.inputs, seed=seed, trained=trained
+        ).predict
 
     return adapt(
         real, machine, recipe.method, train=train, model_error=model_error, extended=recipe.extended,
@@ -195,12 +200,16 @@ def balance(
     )  # fmt: skip
 
 
-def retrain(real: Samples, generated: Samples, weights: Float2D, variant: str, recipe: Recipe, seed: int) -> AxisModels:
-    """Four models on the rows that the variant allows, each with its weight in the loss (eq. 7)."""
+def retrain(
+    real: Samples, generated: Samples, weights: Float2D, variant: str, recipe: Recipe, seed: int,
+    trained: Trained | None = None,
+) -> AxisModels:  # fmt: skip
+    """Four models on the rows that the variant allows, each with its weight in the loss (eq. 7). `trained`: models of
+    other variants, used where they rest on the same rows."""
     chosen = np.isin(generated.origin, VARIANTS[variant])
     rows = Samples.concat([real, generated.take(chosen)]) if chosen.any() else real
     omega = np.vstack([np.full((len(real), 4), recipe.method.omega_data), weights[chosen]])
-    return AxisModels.fit(rows, omega, choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
+    return AxisModels.fit(rows, omega, choice=recipe.estimators, inputs=recipe.inputs, seed=seed, trained=trained)
 
 
 def evaluate(path: Samples, before: Samples, models: Mapping[str, AxisModels]) -> Evaluation:

@@ -28,12 +28,13 @@ from pido import accepted, iteration
 from pido.core.axes import AXES
 from pido.core.columns import INPUTS
 from pido.core.errors import StoreError
+from pido.core.files import write_atomically
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, Samples
 from pido.files import equations as equation_files
 from pido.files.samples import frame, load_samples, samples_digest, save_samples
 from pido.iteration import VARIANTS, Recipe
-from pido.models.axis_models import AxisModels
+from pido.models.axis_models import AxisModels, Trained
 from pido.models.inputs import NAMES, InputKind, model_inputs
 from pido.models.metrics import metrics
 from pido.models.promotion import gate
@@ -44,7 +45,7 @@ from pido.store import Store
 from pido.tracking import bundle, model_files, promotion
 from pido.tracking.ledger import Ledger
 from pido.tracking.report_files import RunFiles
-from pido.workspace import Workspace, code_version, digest_of, write_atomically
+from pido.workspace import Workspace, code_version, digest_of
 
 __all__ = ["STAGES", "begin", "clear", "done", "ingest", "log", "machines", "outcome"]
 log_ = logging.getLogger(__name__)
@@ -204,9 +205,9 @@ def retrain(place: _Place) -> None:
     """Models of before say what they expect of the arriving part; the challenger is trained on all parts."""
     if BEFORE in place.sets():
         rows, generated, weights = place.rows(BEFORE), place.generated(BEFORE), place.weights(BEFORE)
-        said = {}
+        said, trained = {}, Trained()
         for variant in VARIANTS if place.workspace.settings.compare else ("both",):
-            models = iteration.retrain(rows, generated, weights, variant, place.recipe, place.seed)
+            models = iteration.retrain(rows, generated, weights, variant, place.recipe, place.seed, trained)
             said[variant] = models.predict(place.path(BEFORE))
         _save_predictions(place.folder / "said.parquet", said)
     models = iteration.retrain(

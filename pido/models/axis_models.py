@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,32 @@ from pido.models.inputs import NAMES, InputKind, model_inputs
 log = logging.getLogger(__name__)
 
 
+class Trained:
+    """The models of the last trainings, by all that decides them: the same training is not done twice.
+
+    Variants of a training set often differ on some axes only, or not at all: it may be that no generated row was let
+    through.
+    """
+
+    def __init__(self, most: int = 12) -> None:
+        """most : models kept; a forest takes some megabytes"""
+        self._models: OrderedDict[str, Any] = OrderedDict()
+        self._most = most
+
+    def fit(self, model: Any, columns: Float2D, current: Float1D, weight: Float1D) -> Any:
+        """`model` fitted, or the one that was fitted on the same rows before."""
+        what = hashlib.sha256(f"{type(model).__qualname__} {sorted(model.get_params().items())}".encode())
+        for values in (columns, current, weight):
+            what.update(repr(values.shape).encode() + np.ascontiguousarray(values).tobytes())
+        key = what.hexdigest()
+        if key not in self._models:
+            self._models[key] = model.fit(columns, current, sample_weight=weight)
+        self._models.move_to_end(key)
+        while len(self._models) > self._most:
+            self._models.popitem(last=False)
+        return self._models[key]
+
+
 @dataclass(frozen=True, eq=False)
 class AxisModels:
     """Fitted models by axis; an axis without any recorded current has none."""
@@ -45,6 +72,7 @@ class AxisModels:
         inputs: InputKind = "extended",
         seed: int = 0,
         n_jobs: int = -1,
+        trained: Trained | None = None,
     ) -> AxisModels:
         """Train on the rows whose current is known, axis by axis.
 
@@ -57,6 +85,7 @@ class AxisModels:
         samples = samples.take(order)
         weight = np.ones((len(order), 4)) if weights is None else np.asarray(weights, float)[order]
         weight = np.broadcast_to(weight[:, None] if weight.ndim == 1 else weight, (len(order), 4))
+        trained = trained or Trained(most=1)
         columns, models = model_inputs(samples, inputs), {}
         for i, axis in enumerate(AXES):
             rows = np.isfinite(samples.currents[:, i]) & (weight[:, i] > 0)
@@ -65,7 +94,7 @@ class AxisModels:
             model = estimators(choice)[axis](seed)
             if n_jobs != 1 and "n_jobs" in model.get_params():
                 model.set_params(n_jobs=n_jobs)
-            model.fit(columns[rows], samples.currents[rows, i], sample_weight=weight[rows, i])
+            model = trained.fit(model, columns[rows], samples.currents[rows, i], weight[rows, i])
             if "n_jobs" in model.get_params():
                 # threads add trees in the order in which they finish: one thread, or the last bit of a sum wavers
                 model.set_params(n_jobs=None)

@@ -5,7 +5,7 @@ import pytest
 
 from pido.core.errors import FitError, RegistryError
 from pido.core.samples import Samples
-from pido.models.axis_models import AxisModels, digest, held_out_errors
+from pido.models.axis_models import AxisModels, Trained, digest, held_out_errors
 from pido.models.estimators import ESTIMATORS
 from pido.models.metrics import axis_metrics, metrics
 from pido.models.promotion import gate
@@ -36,6 +36,20 @@ def test_every_set_of_estimators_has_a_digest_of_what_it_learned(choice):
     digests = [AxisModels.fit(s, choice=choice, seed=1).digests() for s in (a, a, other)]
     assert digests[0] == digests[1]
     assert all(digests[0][axis] != digests[2][axis] for axis in digests[0])
+
+
+def test_a_training_on_rows_that_were_trained_on_is_not_done_twice_and_changes_no_model():
+    real, more, known = rows(200, 1), rows(50, 2, "b"), Trained()
+    both = Samples.concat([real, more])
+    weight = np.ones((len(both), 4))
+    weight[len(real) :, 2] = 0.0  # on z the second part does not count: the same rows as before
+    first = AxisModels.fit(real, seed=3, trained=known)
+    second = AxisModels.fit(both, weight, seed=3, trained=known)
+    assert second.digests() == AxisModels.fit(both, weight, seed=3).digests()
+    assert second.models["z"] is first.models["z"]
+    assert all(second.models[axis] is not first.models[axis] for axis in ("x", "y", "sp"))
+    assert AxisModels.fit(real, seed=4, trained=known).models["z"] is not first.models["z"]
+    assert AxisModels.fit(real, np.full(200, 0.5), seed=3, trained=known).models["z"] is not first.models["z"]
 
 
 def test_any_regressor_can_take_a_place():
