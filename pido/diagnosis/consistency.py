@@ -19,7 +19,7 @@ from pido.core.arrays import Bool1D, Float1D
 _FACTOR = 12.0  # robust deviations that two signals never differ by
 _TAIL = 6.0  # times the difference that one sample in ten exceeds
 _EDGE = 2  # steps at either end of a stretch
-_NEGLIGIBLE = 2e-3  # of the largest values of a signal: a smaller contradiction does no harm
+_NEGLIGIBLE = 1e-2  # of the largest values of a signal: a smaller contradiction does no harm
 _REACH = 3  # samples to either side that a filter in the control may delay or blur one signal against another
 _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.05  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
@@ -164,6 +164,8 @@ def _speed_and_acceleration(
     off = np.where(np.isfinite(a) & np.isfinite(rate), a - rate, 0.0)
     near = _grown(suspect, 2)
     use = np.r_[True, steady] & np.r_[steady, True] & ~near
+    # A difference at either end of the record is one-sided.
+    use[:_EDGE] = use[-_EDGE:] = False
     held = _long_runs(time, a)
     if use.sum() < _FEWEST:
         return

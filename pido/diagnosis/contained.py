@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
+from pido.diagnosis.identify import coarse_columns, left_over
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import Library, basis, best_addition, drop_useless, grid_terms, swap
@@ -22,6 +24,9 @@ from pido.diagnosis.whiten import Noise
 _ROWS = 6_000  # that are looked at: the simulated current is the same to the last digit however many there are
 _FRACTION = 0.3  # of the mismatch's noise level
 _LEAST_SHARE = 0.02  # of the simulated current's rms that a component must have
+_LEAST_OWN = 0.1  # of what no component explains, that only this one does
+_AROUND = 5  # rows
+_LASTING = 0.5  # correlation of a component with itself one row later
 _LEAST_GAIN = 30.0  # BIC
 _MOST = 7
 NOT_A_COMPONENT = frozenset(
@@ -45,7 +50,12 @@ def contained(
     problem = thin.with_target(np.where(thin.usable, sim + rng.normal(scale=level, size=thin.n), 0.0))
     # A constant is no mechanism, and must not be put together from halves of one.
     problem = replace(problem, base=thin.usable[None].astype(float), base_names=("constant",))
-    library = Library(problem, [t for m in own for t in grid_terms(m, problem.states)])
+    offered = [t for m in own for t in grid_terms(m, problem.states)]
+    # A simulation may round its signs and delay its transients: where all mechanisms at once do not reproduce it, one
+    # of them must not be made to.
+    amiss = maximum_filter1d(np.abs(left_over(problem, coarse_columns(problem, offered), None)), _AROUND)
+    faint = replace(faint, level=np.hypot(level, np.where(thin.usable, amiss, 0.0)))
+    library = Library(problem, offered)
     library.whiten(faint)
     terms: list[Term] = []
     while len(terms) < _MOST:
@@ -58,8 +68,17 @@ def contained(
     joint = fit(problem, faint, terms)
     size = float(np.sqrt(np.mean(sim[thin.usable] ** 2)))
     out = {}
-    for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
+    for i, (term, amplitudes) in enumerate(zip(terms, joint.amplitudes, strict=True)):
         effect = amplitudes @ term.columns(problem.states)
-        if float(np.sqrt(np.mean(effect[thin.usable] ** 2))) > _LEAST_SHARE * size:
+        without = basis(library, faint, [t for k, t in enumerate(terms) if k != i]).rss
+        large = float(np.sqrt(np.mean(effect[thin.usable] ** 2))) > _LEAST_SHARE * size
+        if large and _lasts(term, mismatch) and without > (1 + _LEAST_OWN) * joint.rss:
             out[term.mechanism.id] = term
     return out
+
+
+def _lasts(term: Term, mismatch: Mismatch) -> bool:
+    """Whether a component is more than single rows, which a rounded sign or a late sample also leaves."""
+    rows = term.columns(mismatch.states) * mismatch.usable
+    power = float(np.sum(rows**2))
+    return power > 0 and float(np.sum(rows[:, 1:] * rows[:, :-1])) > _LASTING * power

@@ -98,6 +98,9 @@ def _slopes(mismatch: Mismatch, term: Term, amplitudes: Float1D) -> dict[str, Fl
     for p in term.mechanism.shape:
         if p.is_choice:
             continue
+        low, high = term.mechanism.around(p.name, shape, mismatch.states)
+        if not low < high:
+            continue  # settled
         value = shape[p.name]
         log = p.scale == "log"
         slope = _slope(mismatch, term, amplitudes, p.name, value, log)

@@ -100,10 +100,10 @@ def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
     """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to
     leave noise.
     """
-    columns = _coarse(mismatch, terms)
+    columns = coarse_columns(mismatch, terms)
     noise = None
     for last in (False, True):
-        residual = _left_over(mismatch, columns, noise)
+        residual = left_over(mismatch, columns, noise)
         residual = flexible_rest(mismatch, residual) if last else residual
         noise = estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable, smooth_spectrum=True)
     assert noise is not None
@@ -408,7 +408,8 @@ def _active(mismatch: Mismatch, effect: Float1D) -> Bool1D:
     return mismatch.usable & (size > 0.1 * float(np.max(size[mismatch.usable], initial=0.0)))
 
 
-def _coarse(mismatch: Mismatch, terms: Sequence[Term]) -> Float2D:
+def coarse_columns(mismatch: Mismatch, terms: Sequence[Term]) -> Float2D:
+    """(k, n) – base, and three shapes of every mechanism: about all that the catalogue can express."""
     by_name: dict[str, list[Term]] = {}
     for t in terms:
         by_name.setdefault(t.name, []).append(t)
@@ -419,7 +420,7 @@ def _coarse(mismatch: Mismatch, terms: Sequence[Term]) -> Float2D:
     return np.concatenate([mismatch.base, *rows])
 
 
-def _left_over(mismatch: Mismatch, columns: Float2D, noise: Noise | None) -> Float1D:
+def left_over(mismatch: Mismatch, columns: Float2D, noise: Noise | None) -> Float1D:
     """Residual of a ridge fit; rows beyond eight robust deviations are let go in a second pass."""
     rows = columns if noise is None else noise.whiten(columns)
     y = mismatch.target if noise is None else noise.whiten(mismatch.target[None])[0]

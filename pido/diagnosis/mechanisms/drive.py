@@ -82,7 +82,10 @@ class GravityLoad(Mechanism):
 
 
 class Backlash(Mechanism):
-    """A transient after each reversal; `per`: 0 over way (mm), 1 over time (s); `edge`: 1 fading, 8 a rectangle."""
+    """A transient after each reversal; `per`: 0 over way (mm), 1 over time (s); `edge`: 1 fading, 8 a rectangle.
+
+    Over way it fades exponentially or ends: in between it would be a presliding friction that fits a little better.
+    """
 
     id = "backlash"
     equation = "dI = B * exp(-(s / gap)^edge) * sgn(v), s = way or time since the reversal"
@@ -100,6 +103,12 @@ class Backlash(Mechanism):
 
     def needs(self, states):
         return turns(states)
+
+    def around(self, name, shape, states):
+        low, high = super().around(name, shape, states)
+        if name != "edge" or round(shape["per"]) == 1:
+            return low, high
+        return (shape[name], shape[name]) if shape[name] < 2.0 else (max(low, 2.0), high)
 
     def conditions(self, axis, shape):
         reach = shape["gap"] * (3.0 if shape["edge"] < 2 else 1.0)
