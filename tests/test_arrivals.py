@@ -16,6 +16,7 @@ from plain_parts import parts as made_up
 
 from pido.arrivals import Inbox, production_order
 from pido.core.errors import StoreError
+from pido.plain import run
 from pido.recordings.folder import write_folder
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace, arrival_digest
@@ -112,6 +113,15 @@ def test_a_part_with_a_link_in_it_does_not_stop_the_watch(tmp_path):
     inbox.look()
     time.sleep(SETTLE * 1.2)
     assert sorted(whole(inbox)) == ["good.csv", "p"]
+
+
+def test_a_copy_that_paused_is_left_for_a_later_look_and_refused_only_when_it_stays_so(tmp_path):
+    workspace, half = Workspace.open(tmp_path / "plant"), tmp_path / "part.json"
+    half.write_text('{"Header": ')
+    for patient in (True, False):
+        answer = run(workspace, [half], None, lambda done, total, what: None, from_inbox=True, patient=patient)
+        assert half.exists() is patient
+        assert bool(answer["rejected"]) is bool(Ledger(workspace.ledger).rejections()) is not patient
 
 
 def test_a_watched_inbox_is_emptied_each_part_counted_once_and_bad_input_put_aside(tmp_path):

@@ -67,9 +67,8 @@ def _in_this_process(workspace: Workspace, machine: str | None) -> Callable[[lis
 
     def take(arrived: list[Arrived]) -> None:
         for one in arrived:
-            answer = run(
-                workspace, [one.path], machine, lambda done, total, what: None, from_inbox=one.quiet_s >= grace
-            )
+            # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
+            answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
             for done in answer["done"]:
                 log.info("%s: version %d of %s", one.path.name, done["version"], done["machine"])
             for refused in answer["rejected"]:

@@ -20,10 +20,12 @@ from typing import Any
 from urllib.parse import unquote
 
 from pido.core.errors import RegistryError
+from pido.core.files import write_atomically
 from pido.core.names import file_name
 from pido.monitoring.alarms import Alarm
 from pido.monitoring.answers import Answer
-from pido.workspace import Workspace, digest_of, write_atomically
+from pido.tracking.promotion import check_person
+from pido.workspace import Workspace, digest_of
 
 log = logging.getLogger(__name__)
 _ALARM = ("part", "axis", "t_start", "t_end", "tool", "block", "size_a", "spreads")
@@ -60,10 +62,10 @@ class Book:
     def answer(self, alarm: str, *, true: bool, by: str, reason: str) -> dict[str, Any]:
         """Somebody says what an alarm was; said again, the newer answer counts. Returns the alarm's record.
 
-        Raises RegistryError for an alarm that is not known, or an answer without a name or a reason.
+        Raises RegistryError for an alarm that is not known, an answer without a name or a reason, or without the
+        credential that approval asks for: an answer decides what the next models learn from.
         """
-        if not by.strip() or not reason.strip():
-            raise RegistryError("An answer needs who gives it and why: give --by and --reason.")
+        check_person(self._workspace, by, reason)
         known = self.alarms()
         if alarm not in known:
             raise RegistryError(f"machine {self.machine}: no alarm '{alarm}'. Known: {', '.join(known) or 'none'}.")

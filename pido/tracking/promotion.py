@@ -20,12 +20,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from pido.core.errors import RegistryError
+from pido.core.files import write_atomically
 from pido.core.names import file_name
 from pido.tracking import audit
 from pido.tracking.audit import Record
 from pido.tracking.bundle import Bundle, load, verify
 from pido.tracking.ledger import Ledger, Version
-from pido.workspace import Workspace, write_atomically
+from pido.workspace import Workspace
 
 TOKEN = "PIDO_APPROVAL_TOKEN"
 
@@ -88,7 +89,7 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
     Raises RegistryError if there is no such version, its gate was not passed, it was rejected, its bundle is damaged,
     or the credential is wrong.
     """
-    _check_person(workspace, by, reason)
+    check_person(workspace, by, reason)
     with workspace.lock(machine, timeout_s=30.0):
         _recover(workspace, machine)
         found = _version(workspace, machine, version)
@@ -108,7 +109,7 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
 
 def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
     """Refuse `version` for good. The champion is not rejected but rolled back."""
-    _check_person(workspace, by, reason)
+    check_person(workspace, by, reason)
     with workspace.lock(machine, timeout_s=30.0):
         _recover(workspace, machine)
         found = _version(workspace, machine, version)
@@ -125,7 +126,7 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
 
 def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Record:
     """Put the champion before the present one back in force; called again, the one before that."""
-    _check_person(workspace, by, reason)
+    check_person(workspace, by, reason)
     with workspace.lock(machine, timeout_s=30.0):
         _recover(workspace, machine)
         stack: list[int] = []
@@ -188,7 +189,8 @@ def _version(workspace: Workspace, machine: str, version: int) -> Version:
     return known[version]
 
 
-def _check_person(workspace: Workspace, by: str, reason: str) -> None:
+def check_person(workspace: Workspace, by: str, reason: str) -> None:
+    """Raises RegistryError without a name and a reason, or without the credential where the workspace asks for one."""
     if not by.strip() or not reason.strip():
         raise RegistryError("A decision needs who made it and why: give --by and --reason.")
     wanted = workspace.settings.approval_token_sha256

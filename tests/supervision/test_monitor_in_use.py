@@ -1,6 +1,7 @@
 """The monitor around a workspace: verdicts, answers and what follows, a file that grows."""
 
 import csv
+import hashlib
 import json
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from pido.supervision import NO_SAFETY_STOP
 from pido.supervision.book import Book, alarm_id
 from pido.supervision.part import monitor
 from pido.tracking.ledger import Ledger
+from pido.tracking.promotion import TOKEN
 from pido.workspace import Workspace
 
 MACHINE = "cmx600v"
@@ -112,6 +114,22 @@ def test_a_true_alarm_leaves_its_samples_out_of_the_next_training_set_and_only_t
     assert workspace.run_key(MACHINE, [digest]) != key
     _call("monitor", "answer", name, "--false", "--by", "ann", "--reason", "was the coolant", "-w", plant / "ws")
     assert workspace.run_key(MACHINE, [digest]) == key
+
+
+def test_an_answer_asks_for_the_credential_that_approval_asks_for(tmp_path, monkeypatch):
+    token = hashlib.sha256(b"open sesame").hexdigest()
+    book = Book(Workspace.open(tmp_path, approval_token_sha256=token), "m1")
+    said = {"id": "a1", "part": "p", "axis": "x", "t_start": 1.0, "t_end": 2.0, "tool": "", "block": 3, "size_a": 1.0,
+            "spreads": 9.0, "looks_like": "unknown"}  # fmt: skip
+    book.verdict({"part": "p", "digest": "d1", "machine": "m1", "good": False, "alarms": [said]})
+    for wrong in ("", "open"):
+        monkeypatch.setenv(TOKEN, wrong)
+        with pytest.raises(RegistryError, match="credential"):
+            book.answer("a1", true=True, by="ann", reason="insert was chipped")
+    assert book.answers() == []
+    monkeypatch.setenv(TOKEN, "open sesame")
+    book.answer("a1", true=True, by="ann", reason="insert was chipped")
+    assert [a.true for a in book.answers()] == [True]
 
 
 def test_an_answer_to_an_alarm_that_nobody_raised_says_how_to_see_the_alarms(plant):
