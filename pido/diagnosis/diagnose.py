@@ -19,13 +19,12 @@ from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 from pido.core.arrays import Float1D
-from pido.core.axes import AXES
 from pido.core.columns import CURRENT, CURRENT_SIM
-from pido.core.errors import DiagnosisError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
+from pido.diagnosis.comparable import comparable_axes, in_order
 from pido.diagnosis.confirm import held_out
 from pido.diagnosis.contained import contained
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
@@ -60,7 +59,6 @@ from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
-_LEAST_ROWS = 500
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
 Result = TypeVar("Result")
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
@@ -87,20 +85,21 @@ def diagnose(
     """
     # Its arrays are small: threads of BLAS and trees that wait for one another cost more than they bring.
     with threadpool_limits(limits=1):
-        return _diagnose(_in_order(recordings), pair, machine, np.random.default_rng(seed), on_progress)
+        return _diagnose(recordings, pair, machine, np.random.default_rng(seed), on_progress)
 
 
 def _diagnose(
-    parts: list[Recording],
+    recordings: Sequence[Recording],
     pair: str | None,
     machine: Machine | None,
     rng: np.random.Generator,
     on_progress: Callable[[int, int, str], None],
 ) -> Diagnosis:
     notes: list[str] = []
+    parts = in_order(recordings, notes)
     if pair is not None:
         parts = paired(parts, pair)
-    axes = _comparable_axes(parts, notes)
+    axes = comparable_axes(parts, machine, notes)
     if len(parts) < FEW_PARTS:
         notes.append(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
@@ -324,11 +323,11 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
         noise = noise_of(mismatch, noise, terms)
     terms = plainest(library, noise, terms)
     terms = confirm(library, noise, terms, answer, questions)
-    # Where two mechanisms shared one effect, the one that stayed need not be the likelier.
-    other = likelier(library, noise, terms)
-    if other != terms:
+    # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
+    for better in (likelier, plainest):
+        other = better(library, noise, terms)
         trial = Answer(mismatch.axis)
-        if len(confirm(library, noise, other, trial, questions, SIGNIFICANT_NAME)) == len(terms):
+        if other != terms and len(confirm(library, noise, other, trial, questions, SIGNIFICANT_NAME)) == len(other):
             taken = {t.name for t in other}
             kept = [r for r in answer.rejected if r.mechanism not in taken]
             terms, answer.rejected = other, kept
@@ -431,66 +430,3 @@ def _equation(parts: Sequence[Recording], states: Sequence[AxisState]):
 
 def _without(terms: Sequence[Term], i: int) -> list[Term]:
     return [t for k, t in enumerate(terms) if k != i]
-
-
-def _in_order(recordings: Sequence[Recording]) -> list[Recording]:
-    if not recordings:
-        raise DiagnosisError("no part was given. Name at least one part folder or recording.")
-    names = [r.part.part for r in recordings]
-    double = sorted({n for n in names if names.count(n) > 1})
-    if double:
-        raise DiagnosisError(f"part {', '.join(double)} was given more than once. Give each part once.")
-    machines = sorted({r.part.machine for r in recordings})
-    if len(machines) > 1:
-        raise DiagnosisError(
-            f"parts of {len(machines)} machines: {', '.join(machines)}. Diagnose one machine at a time."
-        )
-    for r in recordings:
-        if len(r) < _LEAST_ROWS:
-            raise DiagnosisError(
-                f"part {r.part.part}: {len(r)} samples; at least {_LEAST_ROWS} are needed. Leave this part out."
-            )
-        if not np.all(np.diff(r.time) > 0):
-            raise DiagnosisError(f"part {r.part.part}: 'time' does not increase. Put the samples in order first.")
-    far = float("inf")
-    return sorted(recordings, key=lambda r: (_or(r.part.order, far), _or(r.part.start_time_s, far)))
-
-
-def _comparable_axes(parts: Sequence[Recording], notes: list[str]) -> list[str]:
-    axes = []
-    for axis in AXES:
-        recorded = [r for r in parts if CURRENT[axis] in r and np.isfinite(r[CURRENT[axis]]).any()]
-        if not recorded:
-            continue
-        if len(recorded) < len(parts):
-            notes.append(f"axis {axis}: no current in {len(parts) - len(recorded)} part(s); the axis is left out.")
-            continue
-        if all(np.ptp(r[CURRENT[axis]][np.isfinite(r[CURRENT[axis]])]) == 0 for r in parts):
-            notes.append(f"axis {axis}: the recorded current is constant; nothing can be said about it.")
-            continue
-        given = [CURRENT_SIM[axis] in r for r in parts]
-        if any(given) and not all(given):
-            raise DiagnosisError(
-                f"'{CURRENT_SIM[axis]}' is given in some parts and not in {_names(parts, given)}. "
-                "Give it in all or in none."
-            )
-        if all(given):
-            for r in parts:
-                both = np.isfinite(r[CURRENT[axis]]) & np.isfinite(r[CURRENT_SIM[axis]])
-                if not both.any():
-                    raise DiagnosisError(
-                        f"part {r.part.part}: recording and simulation of axis {axis} do not overlap in time. "
-                        "Align them first, or leave this part out."
-                    )
-        axes.append(axis)
-    if not axes:
-        raise DiagnosisError("no part has a recorded current that varies (curr_x, curr_y, curr_z, curr_sp).")
-    return axes
-
-
-def _names(parts: Sequence[Recording], given: Sequence[bool]) -> str:
-    return ", ".join(r.part.part for r, g in zip(parts, given, strict=True) if not g)
-
-
-def _or(value: float | None, default: float) -> float:
-    return default if value is None else float(value)

@@ -48,6 +48,7 @@ LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # whose shape is free, and of one that can take a single form only.
 MISFIT, MISFIT_PLAIN = 0.04, 0.01
 SMALL = 0.12  # the same share for a finding that is small in its own right
+HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
 _CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
@@ -184,8 +185,8 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     """Of textbook forms that fit equally well beside the other terms, the first.
 
     What sgn(v) lacks of a presliding friction includes what it holds at standstill. Where the two have sizes of their
-    own, they are two findings. Where the simulation has no Coulomb friction at all, a whole presliding friction is that
-    friction and what sgn(v) lacks of it after a reversal.
+    own, or nearly all of it is held at standstill, they are two findings. Where the simulation has no Coulomb friction
+    at all, a whole presliding friction is that friction and what sgn(v) lacks of it after a reversal.
     """
     out = _without_whole_presliding(library, noise, list(terms))
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
@@ -194,7 +195,8 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
             if term.mechanism.id == "presliding_hysteresis" and not term.gates:
                 turned = replace(term, shape=tuple({**dict(term.shape), "full": 0.0}.items()))
                 trial = [*out[:i], turned, *out[i + 1 :], standing]
-                if basis(library, noise, trial).bic < basis(library, noise, out).bic - LEAST_GAIN:
+                margin = LEAST_GAIN if _at_standstill(library.mismatch, term) > HELD else -LEAST_GAIN
+                if basis(library, noise, trial).bic < basis(library, noise, out).bic + margin:
                     out = trial
                     break
     for i, term in enumerate(out):
@@ -211,6 +213,13 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
                     out = trial
                     break
     return out
+
+
+def _at_standstill(mismatch: Mismatch, term: Term) -> float:
+    """Share of a term's power in rows in which the axis stands still."""
+    power = np.sum(term.columns(mismatch.states) ** 2, axis=0) * mismatch.usable
+    still = np.concatenate([~s.moving for s in mismatch.states])
+    return float(np.sum(power[still]) / max(np.sum(power), 1e-300))
 
 
 def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
@@ -305,9 +314,16 @@ def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     for i, term in enumerate(terms):
         if term.name in ("unknown", "external_force"):
             continue
+        rest = basis(library, noise, [t for k, t in enumerate(out) if k != i])
+        # The shape of the term itself was found beside others that have gone.
+        own = library.score(term, rest)
+        own = None if own is None else refine(library, rest, own)
+        gain = 0.0 if own is None else max(0.0, basis(library, noise, out).bic - own.bic)
         rivals = [r for r in rivals_of(library, noise, out, i) if not _holds(r.term, term)]
-        if rivals and rivals[0].delta_bic < -_LIKELIER:
+        if rivals and rivals[0].delta_bic < -_LIKELIER - gain:
             out[i] = rivals[0].term
+        elif own is not None and gain > 0:
+            out[i] = own.term
     return out
 
 

@@ -89,7 +89,7 @@ def _step(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], at: tuple[f
         moved = _shifted(m, at)
         slope = np.concatenate([np.gradient(moved[i:j], s.time) for s, i, j in _parts(m)])
         time = np.concatenate([s.time for s in m.states])
-        rows = noises[a].whiten(np.where(m.usable, np.array([slope, slope * time]), 0.0))
+        rows = noises[a].whiten(np.where(m.usable, np.nan_to_num([slope, slope * time]), 0.0))
         y = noises[a].whiten(np.where(m.usable, m.target + m.sim - moved, 0.0)[None])[0]
         gram += rows @ rows.T
         inner -= rows @ y

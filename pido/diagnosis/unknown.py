@@ -89,7 +89,7 @@ def _finite(values: Float1D) -> Float1D:
 def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) -> Structure:
     """How much of `residual` a flexible model of the state predicts on unseen folds."""
     few = coarse(mismatch, residual, noise)
-    if len(few.rows) < _FEWEST_ROWS:
+    if len(few.rows) < _FEWEST_ROWS or not common_signals(mismatch.states):
         return Structure(0.0, 0.0, 1.0)
     features = np.column_stack([v[few.rows] for v, _ in common_signals(mismatch.states).values()])
     fold = _three_folds(mismatch, few.rows)

@@ -12,13 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.signal import lfilter
 
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 
 MAD_TO_SD = 1.4826022185056018  # of a normal distribution
 HUBER = 6.0  # whitened residuals beyond this many sd are spikes, not noise: they are limited to it
+BEYOND = 50.0  # standard deviations that neither noise nor an effect worth a name has in a single row
+_AROUND = 5  # rows around such a row that share its weight
 _BLOCK = 128  # rows in which power is compared to set events aside
 _NEIGHBOURS = 60  # frequencies on either side whose median is the noise at a frequency
 _LOUD = 2.5  # times the usual power of a block: an event or an effect, not noise
@@ -103,6 +105,10 @@ def estimate_noise(
             own = robust_sd(residual[rows])
             weight = rows.sum() / (rows.sum() + 4 * _FEWEST)
             level[state == c] = np.exp(weight * np.log(max(own, 0.2 * common)) + (1 - weight) * np.log(common))
+    # What is beyond all noise and no model reaches (a spike at a change of speed, too short for the sampling) may not
+    # outvote everything else.
+    amiss = maximum_filter1d(np.where(usable, np.abs(residual), 0.0), _AROUND)
+    level = np.where(amiss > BEYOND * level, amiss / HUBER, level)
     scaled = np.where(usable, np.clip(residual / level, -HUBER, HUBER), 0.0)
     quiet = usable & _quiet(scaled, usable)
     # Rows of loud blocks keep their place in time and are left out of every product.
