@@ -118,7 +118,8 @@ def lines(
         seconds = peers_cache(X, data, centres, kernels)[name] * b
         work, peer = f"exact local fits, {n} rows, {b} bins, 4 axes", f"{name}, bin after bin (extrapolated)"
         yield row(work, peer, seconds / exact_time, f">= {goal}", "predictions equal to 1e-8 of the noise")
-    flop = 2.0 * n * b * width(len(PAPER)) * len(set(kernels))
+    # of a kernel of its own, each axis takes x x', x I and I²; the symmetric half is not counted
+    flop = 2.0 * n * b * width(len(PAPER), 1) * len(set(kernels))
     rate = dgemm_rate()
     yield row(
         "exact local fits, share of the machine's dgemm rate",

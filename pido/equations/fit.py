@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numba
@@ -21,10 +21,10 @@ from pido.core.errors import FitError
 from pido.core.machining import Machine
 from pido.core.samples import Samples
 from pido.equations.moments import Moments
-from pido.equations.rows import patterns, products, stack, total, width
+from pido.equations.rows import columns, patterns, products, stack, total
 from pido.equations.solve import Solution, excited, solve
 from pido.equations.terms import PAPER, TermSet
-from pido.equations.weights import PAPER_KERNELS, Kernel, WeightedSums, in_threads, weighted_sums
+from pido.equations.weights import PAPER_KERNELS, ROWS, Kernel, WeightedSums, in_threads, padded, weighted_sums
 from pido.feature_space.density import locate
 from pido.feature_space.grid import EQUATION_GRID, Grid
 
@@ -199,12 +199,14 @@ class _Evidence(ABC):
     pattern: Int1D
 
     @abstractmethod
-    def rows(self, which: Int1D | None) -> Callable[[int, int], Float2D]:
-        """Packed rows of the points `which` (of all), from start to stop."""
+    def local_sums(
+        self, centres: Float2D, which: Int1D | None, axes: list[int], whole: Float1D, kernel: Kernel
+    ) -> WeightedSums:
+        """Sums of the packed rows of `axes` under a kernel, over the points `which` (of all); `whole` without one."""
 
     @abstractmethod
     def total(self, which: Int1D | None) -> Float1D:
-        """Sum of the packed rows of the points `which` (of all)."""
+        """Sum of the packed rows of the points `which` (of all), for all axes."""
 
     def subset(self, axis: int) -> Int1D | None:
         """Points with a current on `axis`; None for all of them."""
@@ -222,9 +224,9 @@ class _Evidence(ABC):
             counts = self.counts if which is None else self.counts[which]
             if not counts.sum():
                 continue
-            sums, n = self.total(which), np.array([float(counts.sum())])
+            sums, n = self.total(which)[columns(p, axes)], np.array([float(counts.sum())])
             keep = excited(sums, p, self.terms.constant)
-            one = solve(WeightedSums(sums[None], n, n), axes, keep, self.terms.constant, self.terms.floor)
+            one = solve(WeightedSums(sums[None], n, n), keep, self.terms.constant, self.terms.floor)
             coefficients[axes], factor[axes], noise[axes] = one.coefficients[0], one.factor[0], one.noise[0]
             effective[axes], rank[axes] = one.effective[0], one.rank[0]
             lost |= {name for name, kept in zip(self.terms.names, keep, strict=True) if not kept}
@@ -242,17 +244,16 @@ class _Evidence(ABC):
         noise, rank, locality = np.full((4, b), np.nan), np.zeros((4, b), np.int64), np.zeros(4)
         factors: list[Float3D] = [np.zeros((b, p, p))] * 4
         for axes, which in self._groups(kernels) if b else ():
-            rows = slice(None) if which is None else which
-            points, counts = self.points[rows], self.counts[rows]
-            if not len(points):
+            counts = self.counts if which is None else self.counts[which]
+            if not len(counts):
                 continue
-            kernel = kernels[axes[0]]
-            keep = excited(self.total(which), p, self.terms.constant)
-            sums = weighted_sums(centres, points, counts.astype(float), self.rows(which), width(p), kernel)
+            kernel, whole = kernels[axes[0]], self.total(which)[columns(p, axes)]
+            keep = excited(whole, p, self.terms.constant)
+            sums = self.local_sums(centres, which, axes, whole, kernel)
             if not (sums.total > 0).all():
                 raise FitError(f"{kernel} leaves a bin without any weight: give beta a small positive value.")
             base = overall.coefficients[axes]
-            one = solve(sums, axes, keep, self.terms.constant, self.terms.floor, base)
+            one = solve(sums, keep, self.terms.constant, self.terms.floor, base)
             coefficients[axes] = one.coefficients.transpose(1, 0, 2)
             effective[axes], rank[axes], noise[axes] = one.effective, one.rank, one.noise.T
             share[axes] = kernel.beta * counts.sum() / sums.total
@@ -289,24 +290,31 @@ class _Rows(_Evidence):
         self.points, self.pattern = samples.reduced, patterns(samples.currents)
         self.counts = np.ones(len(samples), np.int64)
         self._z = stack(terms.design(samples, machine), samples.currents)
+        self._total: Float1D | None = None
         if not (np.isfinite(self._z).all() and np.isfinite(self.points).all()):
             raise FitError("some samples have missing inputs. They are never filled in: leave them out.")
 
-    def rows(self, which: Int1D | None) -> Callable[[int, int], Float2D]:
-        p, local = len(self.terms), threading.local()
+    def local_sums(
+        self, centres: Float2D, which: Int1D | None, axes: list[int], whole: Float1D, kernel: Kernel
+    ) -> WeightedSums:
+        p, local, wanted = len(self.terms), threading.local(), np.asarray(axes)
+        z, points = (self._z, self.points) if which is None else (self._z[which], self.points[which])
 
         def tile(start: int, stop: int) -> Float2D:
             if not hasattr(local, "buffer"):
-                local.buffer = np.empty((stop - start, width(p)))
+                local.buffer = np.zeros((ROWS, padded(len(whole))))
             out = local.buffer[: stop - start]
-            z = self._z[start:stop] if which is None else self._z[which[start:stop]]
-            products(z, p, out)
+            products(z[start:stop], p, wanted, out)
             return out
 
-        return tile
+        return weighted_sums(centres, points, np.ones(len(points)), tile, whole, kernel)
 
     def total(self, which: Int1D | None) -> Float1D:
-        return total(self._z if which is None else self._z[which], len(self.terms))
+        if which is not None:
+            return total(self._z[which], len(self.terms))
+        if self._total is None:
+            self._total = total(self._z, len(self.terms))
+        return self._total
 
 
 class _Cells(_Evidence):
@@ -316,9 +324,15 @@ class _Cells(_Evidence):
         self.terms, self.machine = moments.terms, moments.machine
         self.points, self.counts, self.pattern, self._sums = moments.cells()
 
-    def rows(self, which: Int1D | None) -> Callable[[int, int], Float2D]:
-        sums = self._sums if which is None else self._sums[which]
-        return lambda start, stop: sums[start:stop]
+    def local_sums(
+        self, centres: Float2D, which: Int1D | None, axes: list[int], whole: Float1D, kernel: Kernel
+    ) -> WeightedSums:
+        rows = slice(None) if which is None else which
+        wanted = columns(len(self.terms), axes)
+        sums = np.zeros((len(self._sums[rows]), padded(len(wanted))))
+        sums[:, : len(wanted)] = self._sums[rows][:, wanted]
+        points, counts = self.points[rows], self.counts[rows].astype(float)
+        return weighted_sums(centres, points, counts, lambda start, stop: sums[start:stop], whole, kernel)
 
     def total(self, which: Int1D | None) -> Float1D:
         return (self._sums if which is None else self._sums[which]).sum(axis=0)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 
+import numba
 import numpy as np
 
 from pido.core.arrays import Float2D, Int1D
@@ -145,9 +146,9 @@ class Moments:
         return result
 
     def _combine(self, keys: list[int], counts: Int1D, sums: Float2D, sign: int) -> None:
-        hi = np.round(sums / _COARSE) * _COARSE
-        lo = np.round((sums - hi) / _FINE) * _FINE
-        self._place(keys, sign * counts, sign * hi, sign * lo)
+        hi, lo = np.empty_like(sums), np.empty_like(sums)
+        _split(sums, float(sign), hi, lo)
+        self._place(keys, sign * counts, hi, lo)
 
     def _place(self, keys: list[int], counts: Int1D, hi: Float2D, lo: Float2D) -> None:
         for key in keys:
@@ -158,8 +159,26 @@ class Moments:
             self._hi, self._lo = (np.vstack([old, np.zeros((more, old.shape[1]))]) for old in (self._hi, self._lo))
         at = np.array([self._slots[key] for key in keys], np.int64)
         self._counts[at] += counts
-        low = self._lo[at] + lo
-        # carry, so that the pair is a function of the total alone
-        carry = np.round(low / _COARSE) * _COARSE
-        self._lo[at] = low - carry
-        self._hi[at] += hi + carry
+        _put(self._hi, self._lo, at, hi, lo)
+
+
+@numba.njit(nogil=True, cache=True)
+def _split(sums: Float2D, sign: float, hi: Float2D, lo: Float2D) -> None:
+    """Multiples of the coarse and of the fine quantum that make up `sign * sums`."""
+    for c in range(sums.shape[0]):
+        for k in range(sums.shape[1]):
+            s = sign * sums[c, k]
+            hi[c, k] = np.rint(s / _COARSE) * _COARSE
+            lo[c, k] = np.rint((s - hi[c, k]) / _FINE) * _FINE
+
+
+@numba.njit(nogil=True, cache=True)
+def _put(hi: Float2D, lo: Float2D, at: Int1D, more_hi: Float2D, more_lo: Float2D) -> None:
+    """Add rows to the rows `at`; with a carry, so that the pair is a function of the total alone."""
+    for c in range(len(at)):
+        high, low = hi[at[c]], lo[at[c]]
+        for k in range(len(high)):
+            s = low[k] + more_lo[c, k]
+            carry = np.rint(s / _COARSE) * _COARSE
+            low[k] = s - carry
+            high[k] += more_hi[c, k] + carry

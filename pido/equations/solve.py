@@ -48,16 +48,14 @@ def excited(sums: Float1D, p: int, constant: int) -> Bool1D:
     return keep
 
 
-def solve(
-    weighted: WeightedSums, axes: list[int], keep: Bool1D, constant: int, floor: float, around: Float2D | None = None
-) -> Solution:
-    """Coefficients of each bin for `axes`; columns outside `keep` get zero.
+def solve(weighted: WeightedSums, keep: Bool1D, constant: int, floor: float, around: Float2D | None = None) -> Solution:
+    """Coefficients of each bin for the axes that its sums hold; columns outside `keep` get zero.
 
     around : (axes, p) – coefficients (of the global equation) that `moved` is measured from
     """
     p = len(keep)
     gram, right, square = unpack(weighted.sums / weighted.total[:, None], p)
-    right, square = np.ascontiguousarray(right[:, axes]), square[:, axes]
+    right = np.ascontiguousarray(right)
     ridge = np.full(p, floor**2)
     ridge[constant] = 0.0
     coefficients, factor = np.zeros_like(right), np.zeros_like(gram)

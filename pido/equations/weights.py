@@ -7,10 +7,11 @@ Out: weights (bins, points); and, without ever holding them all, their product w
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import TypeVar
 
 import numba
@@ -20,9 +21,11 @@ from threadpoolctl import ThreadpoolController
 from pido.core.arrays import Float1D, Float2D
 from pido.core.errors import FitError
 
-T = TypeVar("T")
+S, T = TypeVar("S"), TypeVar("T")
 
-ROWS, BINS = 2048, 256  # a tile of weights is 4 MiB: it is made, used and overwritten inside the cache
+ROWS, BINS = 512, 512  # a tile of weights is 2 MiB: it is made, used and overwritten inside the cache
+MANY_BINS = 4096
+"""Bins from which on they are split over threads; fewer share the work on each row, so the rows are split."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,68 +78,84 @@ class WeightedSums:
 
 
 def weighted_sums(
-    centres: Float2D, points: Float2D, counts: Float1D, rows: Callable[[int, int], Float2D], width: int, kernel: Kernel
+    centres: Float2D,
+    points: Float2D,
+    counts: Float1D,
+    rows: Callable[[int, int], Float2D],
+    whole: Float1D,
+    kernel: Kernel,
 ) -> WeightedSums:
     """Sums of `rows(start, stop)` (stop - start, width) under the kernel at each centre.
 
-    points : (n, 3); counts : (n,) – how many samples a point stands for
-    Bins are split over threads, one BLAS thread each; a bin's sum does not depend on how many there are.
+    points : (n, 3); counts : (n,) – how many samples a point stands for; whole : (width,) – sum of all rows
+    The rows may come `padded`. Rows or bins are split into eight shares, one BLAS thread each; what a share holds does
+    not depend on how many cores there are, and neither does the result.
     """
     centres, points = np.ascontiguousarray(centres, float), np.ascontiguousarray(points, float)
-    b = len(centres)
-    result = WeightedSums(np.zeros((b, width)), np.zeros(b), np.zeros(b))
+    n, b, width = len(points), len(centres), padded(len(whole))
     tables = [np.unique(centres[:, d], return_inverse=True) for d in range(3)]
-    tiles = [(s, min(s + BINS, b)) for s in range(0, b, BINS)]
-    workers = max(1, min(len(tiles), os.cpu_count() or 1))
+    by_bins = b >= MANY_BINS
+    cuts = np.unique(np.linspace(0, -(-(b if by_bins else n) // 512), 9).astype(int)) * 512
+    shares = [slice(int(low), int(high)) for low, high in pairwise(cuts)]
 
-    def work(mine: list[tuple[int, int]]) -> None:
-        weight, product = np.empty((BINS, ROWS)), np.empty((BINS, width))
-        for start in range(0, len(points), ROWS):
-            stop = min(start + ROWS, len(points))
-            block, n = rows(start, stop), stop - start
+    def work(share: slice) -> tuple[Float2D, Float1D, Float1D]:
+        own, (low_row, high_row, _) = (share, (0, n, 1)) if by_bins else (slice(0, b), share.indices(n))
+        at = [where[own] for _, where in tables]
+        b_own = len(at[0])
+        sums, total, squared = np.zeros((b_own, width)), np.zeros(b_own), np.zeros(b_own)
+        weight, product = np.empty(BINS * ROWS), np.empty((BINS, width))
+        for start in range(low_row, high_row, ROWS):
+            stop = min(start + ROWS, high_row)
+            block = rows(start, stop)
             # exp(a + b + c) = exp(a) exp(b) exp(c): three small tables instead of one exp per bin and point
             ex, ey, ez = (
                 np.exp(-0.5 * (m * (u[:, None] - points[start:stop, d]) / kernel.sigma) ** 2)
                 for d, ((u, _), m) in enumerate(zip(tables, (1.0, 1.0, kernel.alpha), strict=True))
             )
-            for low, high in mine:
-                w = weight[: high - low, :n]
-                ix, iy, iz = (at[low:high] for _, at in tables)
-                _fill(w, ex, ey, ez, ix, iy, iz, counts[start:stop], result.total[low:high], result.squared[low:high])
-                np.matmul(w, block, out=product[: high - low])
-                result.sums[low:high] += product[: high - low]
+            for low in range(0, b_own, BINS):
+                bins = slice(low, min(low + BINS, b_own))
+                many = bins.stop - low
+                w = weight[: many * (stop - start)].reshape(many, stop - start)
+                ix, iy, iz = (where[bins] for where in at)
+                _fill(w, ex, ey, ez, ix, iy, iz, counts[start:stop], total[bins], squared[bins])
+                np.matmul(w, block, out=product[:many])
+                sums[bins] += product[:many]
+        return sums, total, squared
 
-    in_threads(work, [tiles[k::workers] for k in range(workers)], size=b * len(points) * width)
-    return _add_share(result, points, counts, rows, kernel.beta)
+    made = in_threads(work, shares, size=b * n * width)
+    together = np.concatenate if by_bins else sum
+    sums, total, squared = (together(list(values)) for values in zip(*made, strict=True))
+    return add_share(WeightedSums(sums[:, : len(whole)], total, squared), whole, float(counts.sum()), kernel.beta)
 
 
-def in_threads(work: Callable[[T], None], shares: list[T], size: int) -> None:
+def padded(width: int) -> int:
+    """Columns that a block of rows has inside: whole groups of four, which products go through 4 % faster."""
+    return -(-width // 4) * 4
+
+
+def in_threads(work: Callable[[S], T], shares: Sequence[S], size: int) -> list[T]:
     """`work` on each share, at once where the task is large (`size` operations), with one BLAS thread each: two pools
     of threads on the same cores wait for each other, on a busy machine for longer than the work takes."""
     with _blas().limit(limits=1, user_api="blas"):
         if size < 1e8 or len(shares) == 1:
-            for share in shares:
-                work(share)
-            return
-        with ThreadPoolExecutor(len(shares)) as pool:
-            list(pool.map(work, shares))
+            return [work(share) for share in shares]
+        with ThreadPoolExecutor(min(len(shares), os.cpu_count() or 1)) as pool:
+            return list(pool.map(work, shares))
 
 
 @cache
 def _blas() -> ThreadpoolController:
-    return ThreadpoolController()  # looking for the libraries takes milliseconds, setting their limits microseconds
+    # Compiled products run on scipy's BLAS, numpy has its own: only libraries that are loaded here are limited.
+    # Looking for them takes milliseconds, setting their limits microseconds.
+    import scipy.linalg.cython_blas  # noqa: F401
+
+    return ThreadpoolController()
 
 
-def _add_share(
-    local: WeightedSums, points: Float2D, counts: Float1D, rows: Callable[[int, int], Float2D], beta: float
-) -> WeightedSums:
+def add_share(local: WeightedSums, whole: Float1D, n: float, beta: float) -> WeightedSums:
     """beta is the same for all bins, so its part is one sum: sum (k + beta) r = sum k r + beta sum r."""
-    everything = np.zeros(local.sums.shape[1])
-    for start in range(0, len(points), ROWS):
-        everything += rows(start, min(start + ROWS, len(points))).sum(axis=0)
-    n = counts.sum()
     return WeightedSums(
-        local.sums + beta * everything,
+        local.sums + beta * whole,
         local.total + beta * n,
         local.squared + 2 * beta * local.total + beta**2 * n,
     )
