@@ -6,6 +6,7 @@ that `pido correct` applies, and the page.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 from pido.core.recording import Recording
 from pido.diagnosis import contract
 from pido.diagnosis.diagnose import diagnose
-from pido.diagnosis.finding import Diagnosis
+from pido.diagnosis.finding import Diagnosis, HeldOut
 from pido.reports.diagnosis import diagnosis_page
 from pido.reports.page import write_page
 
@@ -33,11 +34,14 @@ def diagnose_into(folder: Path, recordings: Sequence[Recording], **how: Any) -> 
 
 def summary(found: Diagnosis) -> list[str]:
     """One line per finding, then the axes on which nothing was found."""
-    lines = [
-        f"{f.axis}   {f.mechanism}   {f.where.summary}   "
-        f"RMSE {f.fit.rmse_before:.3g} -> {f.fit.rmse_after:.3g} ({f.fit.scheme})"
-        for f in found.findings
-    ]
+    lines = [f"{f.axis}   {f.mechanism}   {f.where.summary}{_gain(f.fit)}" for f in found.findings]
     if found.clean_axes:
         lines.append(f"{', '.join(found.clean_axes)}   nothing significant")
     return lines
+
+
+def _gain(fit: HeldOut) -> str:
+    """Nothing for rows that were set aside: no fit was made."""
+    if not math.isfinite(fit.rmse_before):
+        return ""
+    return f"   RMSE {fit.rmse_before:.3g} -> {fit.rmse_after:.3g} ({fit.scheme})"

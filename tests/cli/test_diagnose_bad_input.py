@@ -1,0 +1,201 @@
+"""What `pido diagnose` says of recordings that it cannot compare, or only in part; it never makes a finding up."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from pido.cli import main
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.recordings.folder import write_folder
+
+ROWS = 1200
+
+
+@pytest.fixture
+def diagnose(tmp_path, monkeypatch, capsys):
+    """`diagnose(folders, ...)`: exit code, findings (axis, mechanism), clean axes, what stood on stderr."""
+
+    def run(*words):
+        out = tmp_path / "out"
+        monkeypatch.setattr(sys, "argv", ["pido", "diagnose", *map(str, words), "--out", str(out)])
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code or 0
+        said = capsys.readouterr()
+        if code:
+            assert not said.out
+            assert not out.exists()
+            return code, None, None, said.err
+        told = json.loads((out / "diagnosis.json").read_text())
+        return code, [(f["axis"], f["mechanism"]) for f in told["findings"]], told["clean_axes"], said.err
+
+    return run
+
+
+@pytest.fixture
+def made(tmp_path):
+    """`made(change, ...)`: three part folders; `change(columns, number)` returns the columns that are written."""
+
+    def make(change=lambda c, k: c, machine=lambda k: "cmx600v", count=3, rows=ROWS):
+        return [
+            write_folder(
+                Recording(PartInfo(part=f"p{k}", machine=machine(k), order=k), change(_columns(k, rows), k)),
+                tmp_path / f"p{k}",
+            )
+            for k in range(1, count + 1)
+        ]
+
+    return make
+
+
+def _columns(seed, rows):
+    """x lacks viscous friction in its simulation, and y's current is its own."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(rows) * 0.02
+    columns = {"time": t}
+    for axis, friction in (("x", 0.03), ("y", 0.0)):
+        v = np.convolve(np.repeat(rng.choice([-12.0, -5.0, 5.0, 12.0], rows // 50), 50), np.ones(9) / 9, "same")
+        sim = 0.5 * np.sign(v)
+        columns |= {f"pos_{axis}": np.cumsum(v) * 0.02, f"v_{axis}": v, f"a_{axis}": np.gradient(v, t)}
+        columns |= {f"curr_{axis}": sim + friction * v + rng.normal(0, 0.03, rows), f"curr_{axis}_sim": sim}
+    return columns
+
+
+def only(columns, axis):
+    other = "y" if axis == "x" else "x"
+    return {name: values for name, values in columns.items() if f"_{other}" not in name}
+
+
+def blank(columns, name, rows):
+    return columns | {name: np.where(rows, np.nan, columns[name])}
+
+
+FIRST = np.arange(ROWS) < ROWS // 2
+NOTHING_COMPARED = {
+    "simulation before the recording": (
+        lambda c, k: blank(blank(only(c, "x"), "curr_x", FIRST), "curr_x_sim", ~FIRST),
+        "do not overlap in time",
+    ),
+    "simulation of one part elsewhere in time": (
+        lambda c, k: blank(only(c, "x"), "curr_x_sim", np.full(ROWS, k == 2)),
+        "in part p2, recording and simulation do not overlap",
+    ),
+    "simulation shorter than can be judged": (
+        lambda c, k: blank(only(c, "x"), "curr_x_sim", np.arange(ROWS) > 400),
+        "overlap in 401 samples",
+    ),
+    "simulation at a fifth of the rate": (
+        lambda c, k: blank(only(c, "x"), "curr_x_sim", np.arange(ROWS) % 5 > 0),
+        "Bring both to one rate",
+    ),
+    "no current at all": (
+        lambda c, k: {n: v for n, v in c.items() if "curr" not in n},
+        "no part has a recorded current",
+    ),
+    "a constant recording": (
+        lambda c, k: c | {"curr_x": np.full(ROWS, 2.0), "curr_y": np.zeros(ROWS)},
+        "'curr_x' is constant (2)",
+    ),
+    "nothing but currents": (
+        lambda c, k: {n: v for n, v in c.items() if n in ("time", "curr_x", "curr_x_sim")},
+        "Record at least the motion",
+    ),
+    "an axis that stands still": (
+        lambda c, k: only(c, "x") | {n: np.zeros(ROWS) for n in ("pos_x", "v_x", "a_x")},
+        "no other signal varies",
+    ),
+    "time that goes back": (lambda c, k: c | {"time": c["time"][::-1].copy()}, "'time' does not increase"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NOTHING_COMPARED)
+def test_what_cannot_be_compared_ends_with_its_reason_and_no_files(case, made, diagnose):
+    change, says = NOTHING_COMPARED[case]
+    code, _, _, err = diagnose(*made(change))
+    assert code == 1
+    assert says in err
+    assert err.startswith("pido: ")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--pair", "force:curr_x_sim"), "'force', which is not there; it has time, pos_x"),
+        (("--pair", "curr_x:force"), "'force', which is not there"),
+        (("--pair", "curr_x:curr_x"), "two different column names"),
+        (("--machine", "no such mill"), "no such mill"),
+    ],
+)
+def test_a_column_or_machine_that_is_not_there_is_named(words, says, made, diagnose):
+    code, _, _, err = diagnose(*made(), *words)
+    assert code == 1
+    assert says in err
+
+
+def test_the_same_part_twice_or_two_machines_are_refused(made, diagnose):
+    parts = made(machine=lambda k: "cmx600v" if k < 3 else "dmc60h")
+    for given, says in (
+        ([parts[0], parts[0]], "p1 was given more than once"),
+        (parts, "2 machines: cmx600v, dmc60h"),
+    ):
+        code, _, _, err = diagnose(*given)
+        assert code == 1
+        assert says in err
+
+
+def test_an_empty_folder_or_too_few_samples_are_refused_by_name(made, diagnose, tmp_path):
+    short = made(rows=100)
+    (tmp_path / "empty").mkdir()
+    for given, says in (([tmp_path / "empty"], "empty: the folder is empty"), (short, "p1: 100 samples; at least 500")):
+        code, _, _, err = diagnose(*given)
+        assert code == 1
+        assert says in err
+
+
+def test_one_short_part_says_what_can_still_be_concluded(made, diagnose):
+    code, found, clean, err = diagnose(*made(lambda c, k: only(c, "x"), count=1))
+    assert (code, found, clean) == (0, [("x", "viscous_friction")], [])
+    assert "contiguous blocks of the same recording" in err
+    assert "less than a minute" in err
+
+
+def test_one_axis_that_cannot_be_judged_does_not_cost_the_others_theirs(made, diagnose):
+    def change(columns, k):
+        """y has no current in p1, and a name nobody knows in every part."""
+        mine = {n: v for n, v in columns.items() if (n, k) != ("curr_y", 1)}
+        return mine | {"cur_y": columns["curr_y"]}
+
+    code, found, clean, err = diagnose(*made(change))
+    assert (code, found, clean) == (0, [("x", "viscous_friction")], [])
+    assert "axis y is left out: no 'curr_y' in p1" in err
+    assert "the contract does not know: cur_y" in err
+
+
+def test_missing_and_infinite_values_are_left_out_not_explained(made, diagnose):
+    def change(columns, k):
+        gap = (np.arange(ROWS) > 300) & (np.arange(ROWS) < 420)
+        for name in list(columns):
+            if name != "time":
+                columns = blank(columns, name, gap)
+        return only(columns | {"curr_x": np.where(np.arange(ROWS) % 400 == 7, np.inf, columns["curr_x"])}, "x")
+
+    code, found, _, err = diagnose(*made(change))
+    assert (code, found) == (0, [("x", "viscous_friction")])
+    assert "infinite values of curr_x are taken as missing" in err
+
+
+def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says_so(made, diagnose):
+    def change(columns, k):
+        mine = only(columns, "x")
+        if k == 1:
+            return {name: values[::2] for name, values in mine.items()}
+        return blank(mine, "curr_x_sim", FIRST) if k == 2 else mine
+
+    code, found, _, err = diagnose(*made(change))
+    assert (code, found) == (0, [("x", "viscous_friction")])
+    assert "covers 50% of part p2" in err
