@@ -15,7 +15,7 @@ from deploy import postgres
 from deploy.entry import login_file
 from deploy.settings import PlantSettings
 from flows.server import answers
-from pido.workspace import write_atomically
+from pido.core.files import write_atomically
 
 
 @dataclass(frozen=True, slots=True)

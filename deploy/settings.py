@@ -13,7 +13,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from pido.core.errors import SettingsError
-from pido.workspace import write_atomically
+from pido.core.files import write_atomically
 
 FILE = Path(__file__).with_name("plant.env")
 SECRETS = ("PIDO_POSTGRES_PASSWORD", "PIDO_PREFECT_PASSWORD", "PIDO_MLFLOW_PASSWORD", "PIDO_MLFLOW_SECRET")

@@ -197,21 +197,14 @@ def _most_different(sources: list[Path]) -> Path | None:
 
 
 def _diagnose(part: Path, out: Path) -> None:
-    from pido.cli.diagnose import summary
-    from pido.diagnosis import contract
-    from pido.diagnosis.diagnose import diagnose
+    from pido.diagnoses import PAGE, diagnose_into, summary
     from pido.recordings import read_recording
-    from pido.reports.diagnosis import diagnosis_page
-    from pido.reports.page import write_page
 
     click.echo(f"\n{part.name} differs most from its simulation. Diagnosis of this part:")
-    recording = read_recording(part)
-    found = diagnose([recording])
-    contract.write(found, out)
-    write_page(diagnosis_page(found, [recording]), out / "report.html")
+    found = diagnose_into(out, [read_recording(part)])
     for line in summary(found):
         click.echo(f"  {line}")
-    click.echo(f"  the page: {out / 'report.html'}")
+    click.echo(f"  the page: {out / PAGE}")
 
 
 def _unseal(folder: Path) -> None:

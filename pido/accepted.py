@@ -25,15 +25,17 @@ from pido.core.arrays import Float2D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
+from pido.core.files import write_atomically
 from pido.core.machining import Machine
 from pido.core.names import file_name
 from pido.core.samples import Samples
 from pido.diagnosis.contract import read_model
 from pido.diagnosis.models import axis_models
+from pido.diagnosis.pair import pair_of
 from pido.diagnosis.state import AxisState, Motion
 from pido.diagnosis.terms import Term
 from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
-from pido.workspace import Workspace, write_atomically
+from pido.workspace import Workspace
 
 INSTANT = (
     "coulomb_friction", "viscous_friction", "stribeck_friction", "standstill_friction", "friction_asymmetry",
@@ -167,6 +169,10 @@ def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any],
     if about["kind"] == "data_fault":
         raise DiagnosisError(f"{path}: {name} is a fault of the data, no physics. Put the recording right instead.")
     model = read_model(folder)
+    if pair_of(model) is not None:
+        raise DiagnosisError(
+            f"{path}: a diagnosis of the pair {model['pair']}, not of the currents that the equation is about."
+        )
     axis_models(model)  # what this version does not know is said here, not in the next iteration
     own = [t for t in model["axes"][about["axis"]]["terms"] if t["name"] == about["mechanism"]]
     if not own or own[0]["mechanism"]["id"] not in INSTANT:

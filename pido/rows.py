@@ -22,12 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
+from pido.core.files import write_atomically
 from pido.core.samples import Samples
 from pido.feature_space.grid import Grid
 from pido.files.samples import load_samples, save_samples
 from pido.parts import recipe_of, samples_of
 from pido.sampling.thin import BinCounts, kept
-from pido.workspace import Workspace, code_version, digest_of, write_atomically
+from pido.workspace import Workspace, code_version, digest_of
 
 log = logging.getLogger(__name__)
 

@@ -35,6 +35,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat
 from pido import __version__
 from pido.config import MethodSettings, load_job, parse, read_toml
 from pido.core.errors import SettingsError, StoreError
+from pido.core.files import write_atomically
 from pido.core.machining import Job, MeshStock
 from pido.core.names import file_name
 
@@ -286,21 +287,6 @@ def digest_of(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":"), default=str).encode()).hexdigest()
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write, flush to disk, rename: a reader sees the old content or the new, never a part of it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with temporary.open("wb") as handle:
-            handle.write(content.encode() if isinstance(content, str) else content)
-            handle.flush()
-            os.fsync(handle.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    _sync_folder(path.parent)
-
-
 def arrival_digest(path: Path) -> str:
     """SHA-256 of the bytes of a file, or of all files of a folder with their names: what arrived, before it is read.
 
@@ -320,11 +306,3 @@ def arrival_digest(path: Path) -> str:
         if file.is_file():
             total.update(f"{file.relative_to(path)}\0{arrival_digest(file)}\n".encode())
     return total.hexdigest()
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

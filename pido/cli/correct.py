@@ -25,6 +25,5 @@ def command(diagnosis: Path, part: Path, out: Path) -> None:
 
     model = contract.read_model(diagnosis)
     series = correct(model, read_recording(part))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    contract.write_series(series, out)
+    contract.write_series(series, out, contract.unit_of_series(model))
     click.echo(str(out))

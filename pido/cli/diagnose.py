@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
-
-if TYPE_CHECKING:
-    from pido.diagnosis.finding import Diagnosis
 
 
 def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str | None) -> str | None:
@@ -46,40 +42,25 @@ def command(
 
     from pido.cli.progress import Progress
     from pido.config import machine as machine_settings
-    from pido.diagnosis import contract
-    from pido.diagnosis.diagnose import diagnose
+    from pido.diagnoses import PAGE, diagnose_into, summary
     from pido.recordings import read_recording
-    from pido.reports.diagnosis import diagnosis_page
-    from pido.reports.page import write_page
 
     recordings = [read_recording(part) for part in parts]
     with Progress("diagnosing") as progress:
-        result = diagnose(
+        result = diagnose_into(
+            out,
             recordings,
             pair=pair,
             machine=machine_settings(machine) if machine else None,
             seed=seed,
             on_progress=progress,
         )
-    contract.write(result, out)
-    write_page(diagnosis_page(result, recordings), out / "report.html")
+    read = {note: [r.part.part for r in recordings if note in r.notes] for r in recordings for note in r.notes}
+    for note in [*(f"{', '.join(names)}: {note}" for note, names in read.items()), *result.notes]:
+        click.echo(note, err=True)
     if as_json:
         click.echo(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=2))
         return
     for line in summary(result):
         click.echo(line)
-    for note in result.notes:
-        click.echo(note, err=True)
-    click.echo(f"report: {out / 'report.html'}", err=True)
-
-
-def summary(result: Diagnosis) -> list[str]:
-    """One line per finding, then the axes on which nothing was found."""
-    lines = [
-        f"{f.axis}   {f.mechanism}   {f.where.summary}   "
-        f"RMSE {f.fit.rmse_before:.3g} -> {f.fit.rmse_after:.3g} ({f.fit.scheme})"
-        for f in result.findings
-    ]
-    if result.clean_axes:
-        lines.append(f"{', '.join(result.clean_axes)}   nothing significant")
-    return lines
+    click.echo(f"report: {out / PAGE}", err=True)

@@ -109,7 +109,7 @@ def experiment(result: Path, out: Path) -> None:
     pido report experiment experiments/local-vs-global --out local-vs-global.html
     """
     from pido.core.errors import SettingsError
-    from pido.workspace import write_atomically
+    from pido.core.files import write_atomically
 
     pages = sorted(result.rglob("report.html"))
     if len(pages) != 1:

@@ -14,7 +14,6 @@ import hashlib
 import json
 import logging
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
@@ -26,6 +25,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from pido.core.errors import PidoError, SettingsError
+from pido.core.files import replacing, write_atomically
 from pido.core.machining import Job
 from pido.experiments.base import Experiment, Options, Outcome, Rows, Unit, experiment
 from pido.experiments.data import Fleet, load_fleet
@@ -106,7 +106,7 @@ def run_experiment(
         "sets": {k: len(s) for k, s in fleet.sets.items()}, "options": asdict(options), "units": len(units),
         "code": code_version(),
     }  # fmt: skip
-    (folder / "experiment.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
+    write_atomically(folder / "experiment.json", json.dumps(facts, indent=1))
     return Result(what, fleet, options, table, what.summarise(table), len(units), found)
 
 
@@ -200,9 +200,5 @@ def _digest(under: str, unit: Unit) -> str:
 
 
 def _write(table: pd.DataFrame, path: Path) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        table.to_parquet(partial, index=False)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(path) as temporary:
+        table.to_parquet(temporary, index=False)

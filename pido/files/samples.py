@@ -7,7 +7,6 @@ In:  `Samples` and a path. Out: a Parquet file, and back. Names: the 13 inputs, 
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import fields
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import pandas as pd
 
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT, INPUTS
+from pido.core.files import replacing
 from pido.core.samples import ORIGINS, Samples
 
 
@@ -34,13 +34,8 @@ def frame(samples: Samples) -> pd.DataFrame:
 
 def save_samples(samples: Samples, path: Path) -> Path:
     """Write; a reader sees a whole file or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
+    with replacing(path) as temporary:
         frame(samples).to_parquet(temporary, index=False)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
     return path
 
 

@@ -23,6 +23,7 @@ from markupsafe import Markup
 
 from pido import __version__
 from pido.core.arrays import Float1D
+from pido.core.files import write_atomically
 
 # Okabe & Ito (2008): told apart by colour-blind readers and in grey.
 COLOURS = {
@@ -86,10 +87,7 @@ def render(page: Page) -> str:
 
 def write_page(page: Page, path: Path) -> None:
     """The page as one file, replaced whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(render(page), encoding="utf-8")
-    partial.replace(path)
+    write_atomically(path, render(page))
 
 
 def signal_figure(title: str, x_label: str, y_label: str, height: int = 280) -> figure:

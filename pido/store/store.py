@@ -14,16 +14,15 @@ content takes it over. SQLite serialises two processes; the second of two equal 
 
 from __future__ import annotations
 
-import os
 import shutil
 import sqlite3
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from pido.core.errors import StoreError
+from pido.core.files import replacing
 from pido.core.names import file_name
 from pido.core.recording import Recording
 from pido.store import content
@@ -161,17 +160,8 @@ class Store:
             )
 
     def _write(self, recording: Recording, source: str, place: Path) -> None:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=place.parent, prefix=".", suffix=".new")
-        os.close(handle)
-        temporary = Path(name)
-        try:
+        with replacing(place) as temporary:
             content.write(recording, source, temporary)
-            _sync(temporary)
-            temporary.replace(place)
-            _sync(place.parent)
-        finally:
-            temporary.unlink(missing_ok=True)
 
     @contextmanager
     def _connect(self) -> Iterator[sqlite3.Connection]:
@@ -189,11 +179,3 @@ class Store:
 def _free_names(area: Path, name: str) -> Iterator[Path]:
     yield area / name
     yield from (area / f"{name}.{n}" for n in range(2, 10_000))
-
-
-def _sync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -10,7 +10,6 @@ What was found is kept in `derived/`, under the run's key.
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,6 +19,7 @@ import pandas as pd
 from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.columns import TIME
+from pido.core.files import replacing
 from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.feature_space.regional import folds
@@ -197,13 +197,8 @@ def _save(part: PartResiduals, path: Path) -> None:
         columns |= {f"{_INPUT}{k}": values for k, values in enumerate(part.inputs.T)}
     table = pd.DataFrame(columns)
     table.attrs = {"program": part.program}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
+    with replacing(path) as temporary:
         table.to_parquet(temporary, index=False)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _load(part: str, path: Path) -> PartResiduals:

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from pido.core.errors import RegistryError
-from pido.workspace import digest_of, write_atomically
+from pido.core.files import write_atomically
+from pido.workspace import digest_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 
 from pido.core.errors import StoreError
-from pido.workspace import write_atomically
+from pido.core.files import write_atomically
 
 TABLES = ("generated", "bins", "trace")
 
