@@ -71,7 +71,9 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
         ) from None
     if table.num_rows == 0:
         raise RecordingError(f"{path}: holds no samples. Export the recording again.")
-    names: list[str] = [ALIASES.get(str(name), str(name)) for name in table.column_names]
+    # A force that was measured stands beside its simulation under its own name.
+    own = {str(name) for name in table.column_names}
+    names = [name if (alias := ALIASES.get(name, name)) in own else alias for name in map(str, table.column_names)]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise RecordingError(f"{path}: column(s) {', '.join(twice)} stand in it twice. Export the recording again.")
     columns: dict[str, Array1D] = {}

@@ -14,9 +14,12 @@ from bokeh.models import BoxAnnotation, ColorBar, LinearColorMapper
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
+from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, POSITION, VELOCITY
 from pido.core.recording import Recording
+from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
+from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
 from pido.reports.words import in_words
 
@@ -51,13 +54,15 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
 def verdict(diagnosis: Diagnosis) -> str:
     """The result in one or two sentences."""
     if not diagnosis.findings:
-        return "Simulation and recording agree within the noise: nothing systematic is left out on any axis."
+        axes = ", ".join(diagnosis.clean_axes) or "any axis"
+        return f"Simulation and recording agree within the noise: nothing systematic is left out on {axes}."
     first = diagnosis.findings[0]
-    text = (
-        f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}. "
-        f"With it the error on data that was not used for the fit falls from {number(first.fit.rmse_before)} to "
-        f"{number(first.fit.rmse_after)} A."
-    )
+    text = f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}."
+    if np.isfinite(first.fit.rmse_before):
+        text += (
+            f" With it the error on data that was not used for the fit falls from {number(first.fit.rmse_before)} to "
+            f"{number(first.fit.rmse_after)}{_unit(diagnosis)}."
+        )
     others = len(diagnosis.findings) - 1
     if others:
         text += f" {others} further finding{'s' if others > 1 else ''} below."
@@ -73,12 +78,13 @@ def _overview(diagnosis: Diagnosis) -> Section:
             in_words(f.mechanism),
             f.kind.replace("_", " "),
             f.where.summary,
-            f"{number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}",
-            number(f.evidence.q_value, 2),
+            f"{number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}" if np.isfinite(f.fit.rmse_before) else "–",
+            _chance(f.evidence.q_value),
         )
         for f in diagnosis.findings
     ]
-    head = ("axis", "what", "kind", "where", "held-out RMSE, A", "q")
+    unit = _unit(diagnosis)
+    head = ("axis", "what", "kind", "where", f"held-out RMSE{',' if unit else ''}{unit}", "q")
     return Section("Findings, the strongest first", table=Table(head, rows))
 
 
@@ -89,11 +95,18 @@ def _finding(f: Finding, figures: list[figure]) -> Section:
     if f.where.nc_lines:
         shown = ", ".join(map(str, f.where.nc_lines[:20]))
         lines.append(f"NC blocks: {shown}{' …' if len(f.where.nc_lines) > 20 else ''}")
-    lines.append(
-        f"Evidence: p = {number(f.evidence.p_value, 2)}, corrected for all questions asked q = "
-        f"{number(f.evidence.q_value, 2)}; difference in BIC {number(f.evidence.delta_bic)}. "
-        f"R² {number(f.fit.r2_before)} → {number(f.fit.r2_after)} ({f.fit.scheme}, p = {number(f.fit.p_value, 2)})."
-    )
+    if np.isfinite(f.evidence.delta_bic):
+        lines.append(
+            f"Evidence: p = {_chance(f.evidence.p_value)}, corrected for all questions asked q = "
+            f"{_chance(f.evidence.q_value)}; difference in BIC {number(f.evidence.delta_bic)}."
+        )
+    if np.isfinite(f.fit.rmse_before):
+        lines.append(
+            f"On unseen data ({f.fit.scheme}): RMSE {number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}, R² "
+            f"{number(f.fit.r2_before)} → {number(f.fit.r2_after)}, p = {_chance(f.fit.p_value)}."
+        )
+    else:
+        lines.append("A contradiction within the recording itself: no fit is needed to see it, and none was made.")
     if f.replaces:
         lines.append(f"It takes the place of: {', '.join(f.replaces)}. Do not add the same physics twice.")
     if f.alternatives:
@@ -105,6 +118,28 @@ def _finding(f: Finding, figures: list[figure]) -> Section:
     ]
     table = Table(("parameter", "value", "95 % interval"), rows) if rows else None
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
+
+
+def _chance(p: float) -> str:
+    """A probability; those too small to mean anything as a number are bounds.
+
+    >>> _chance(0.0123), _chance(1e-30)
+    ('0.012', 'below 1e-12')
+    """
+    return "below 1e-12" if p < 1e-12 else number(p, 2)
+
+
+def _unit(diagnosis: Diagnosis) -> str:
+    """Of both signals, with a space before it; '' where it is not known."""
+    unit = unit_of_series(diagnosis.model)
+    return f" {unit}" if unit else ""
+
+
+def _recorded(diagnosis: Diagnosis, recording: Recording, axis: str) -> Float1D | None:
+    """The recorded signal that was compared on this axis."""
+    pair = pair_of(diagnosis.model)
+    measured = recording if pair is None else pair.of(recording)
+    return measured.columns.get(CURRENT[axis])
 
 
 def _what_to_record(diagnosis: Diagnosis) -> list[str]:
@@ -123,14 +158,17 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
         return []
     part = max(shown, key=lambda p: float(np.nanmax(np.abs(shown[p].mismatch[axis]), initial=0.0)))
     recording, series = by_part[part], shown[part]
+    recorded = _recorded(diagnosis, recording, axis)
+    pair = pair_of(diagnosis.model)
+    label = f"{'current' if pair is None else pair.recorded},{_unit(diagnosis)}".rstrip(",")
     return [
-        _worst_place(part, axis, recording, series),
-        _over_time(part, axis, recording, series),
-        *_map(axis, shown, by_part),
+        _worst_place(part, axis, label, recorded, series),
+        _over_time(part, axis, label, recorded, series),
+        *_map(axis, shown, by_part, _unit(diagnosis).strip()),
     ]
 
 
-def _worst_place(part: str, axis: str, recording: Recording, series: PartSeries) -> figure:
+def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:
     time = series.time
     # The stretch, not the sample, with the largest mismatch: a single spike is not what the reader has to see.
     power = np.nan_to_num(series.mismatch[axis]) ** 2
@@ -139,11 +177,11 @@ def _worst_place(part: str, axis: str, recording: Recording, series: PartSeries)
     total = np.cumsum(np.concatenate([[0.0], power]))
     start = int(np.argmax(total[width:] - total[:-width]))
     window = slice(start, start + width)
-    plot = signal_figure(f"Part {part}, axis {axis}: where it differs most", "time, s", "current, A")
+    plot = signal_figure(f"Part {part}, axis {axis}: where it differs most", "time, s", label)
     simulated = series.corrected[axis] - series.mismatch[axis]
     lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
-    if CURRENT[axis] in recording:
-        lines.insert(0, ("recorded", recording[CURRENT[axis]], "solid"))
+    if recorded is not None:
+        lines.insert(0, ("recorded", recorded, "solid"))
     for name, values, dash in lines:
         x, y = extremes(time[window], np.asarray(values, float)[window])
         plot.line(x, y, color=COLOURS[name], legend_label=name, line_dash=dash, line_width=1.6)
@@ -151,11 +189,10 @@ def _worst_place(part: str, axis: str, recording: Recording, series: PartSeries)
     return plot
 
 
-def _over_time(part: str, axis: str, recording: Recording, series: PartSeries) -> figure:
-    plot = signal_figure(f"Part {part}, axis {axis}: difference over the whole part", "time, s", "current, A", 220)
-    if CURRENT[axis] in recording:
-        simulated = series.corrected[axis] - series.mismatch[axis]
-        x, y = extremes(series.time, recording[CURRENT[axis]] - simulated)
+def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:
+    plot = signal_figure(f"Part {part}, axis {axis}: difference over the whole part", "time, s", label, 220)
+    if recorded is not None:
+        x, y = extremes(series.time, recorded - (series.corrected[axis] - series.mismatch[axis]))
         plot.line(x, y, color="#999999", legend_label="recorded − simulated")
     x, y = extremes(series.time, series.mismatch[axis])
     plot.line(x, y, color=COLOURS["mismatch"], legend_label="systematic part", line_width=1.6)
@@ -165,7 +202,7 @@ def _over_time(part: str, axis: str, recording: Recording, series: PartSeries) -
     return plot
 
 
-def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording]) -> list[figure]:
+def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording], unit: str) -> list[figure]:
     """Where: over the workpiece and over the speeds, coloured by the size of the mismatch."""
     planes = [
         ("Where on the machine table", POSITION["x"], POSITION["y"], "mm"),
@@ -190,8 +227,10 @@ def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording])
         plot = signal_figure(
             f"{title}: size of the mismatch on axis {axis}", f"{first}, {unit}", f"{second}, {unit}", 380
         )
-        plot.scatter("x", "y", source={"x": x, "y": y, "A": size}, color={"field": "A", "transform": mapper}, size=4)
-        plot.add_layout(ColorBar(color_mapper=mapper, title="A"), "right")
+        plot.scatter(
+            "x", "y", source={"x": x, "y": y, "size": size}, color={"field": "size", "transform": mapper}, size=4
+        )
+        plot.add_layout(ColorBar(color_mapper=mapper, title=unit), "right")
         figures.append(plot)
     return figures
 
