@@ -26,7 +26,7 @@ class Service:
     command: list[str]
     environment: dict[str, str]
     healthy: Callable[[], bool]
-    patience_s: float = 120.0
+    patience_s: float = 300.0
     user: str | None = None
 
 
@@ -73,7 +73,6 @@ def services(settings: PlantSettings) -> list[Service]:
                 "DO_NOT_TRACK": "1",
             },
             lambda: answers(f"{settings.mlflow_uri}/health"),
-            patience_s=180.0,
         ),
         Service(
             "worker",

@@ -80,7 +80,7 @@ def answers(url: str, timeout_s: float = 2.0) -> bool:
 
 
 @contextmanager
-def prefect_server(home: Path, port: int | None = None, patience_s: float = 120.0) -> Iterator[str]:
+def prefect_server(home: Path, port: int | None = None, patience_s: float = 300.0) -> Iterator[str]:
     """The address of the API, e.g. http://127.0.0.1:4200/api. Raises ServerError with the end of its log."""
     home.mkdir(parents=True, exist_ok=True)
     port = port or free_port()
