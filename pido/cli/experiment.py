@@ -164,7 +164,7 @@ def _prove(
         click.echo(json.dumps({"experiment": name, "verdict": outcome.verdict, "tables": told}, indent=1))
         return
     click.echo(f"{outcome.verdict}\n")
-    for shown, table, _ in tables[:3]:
+    for shown, table, _ in tables:
         click.echo(f"{shown}\n{table.to_string(index=False)}\n")
 
 

@@ -1,0 +1,128 @@
+"""Boxes of the reduced space, forces over intervals, waves in time, effects without a name: each planted and found."""
+
+import numpy as np
+import pytest
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mismatch import Mismatch, lay_out
+from pido.diagnosis.regions import CLEARLY, best_region
+from pido.diagnosis.select import Library, basis
+from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.whiten import Noise
+
+NOISE = 0.05
+VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
+
+
+def recordings(count=3, rows=1500):
+    """x and y go to and fro at feeds of their own; one sample in 0.02 s."""
+    for k in range(count):
+        rng = np.random.default_rng(k)
+        t = np.arange(rows) * 0.02
+        columns = {"time": t}
+        for axis in "xy":
+            v = np.convolve(np.repeat(rng.uniform(-12, 12, rows // 25), 25), np.ones(7) / 7, "same")
+            columns |= {f"v_{axis}": v, f"pos_{axis}": np.cumsum(v) * 0.02, f"a_{axis}": np.gradient(v, t)}
+        yield Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1, start_time_s=100.0 * k), columns)
+
+
+def laid_out(effect, seed=0) -> tuple[Mismatch, Noise]:
+    """effect : state -> (n,), A, beside white noise; and that noise as it is."""
+    states = axis_states(list(recordings()), "x")
+    rng = np.random.default_rng(seed)
+    mismatch = lay_out(states, [effect(s) + rng.normal(0, NOISE, len(s.time)) for s in states])
+    return mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+
+
+def library_of(mismatch, noise, *terms):
+    library = Library(mismatch, terms or [Term(VISCOUS)])
+    library.whiten(noise)
+    return library
+
+
+def nothing(state):
+    return np.zeros(len(state.time))
+
+
+def test_an_effect_that_acts_on_one_side_of_a_speed_is_confined_there():
+    mismatch, noise = laid_out(lambda s: 0.05 * s.v * (s.others["y"].v > 4.0))
+    library = library_of(mismatch, noise)
+    everywhere = library.screen(basis(library, noise, []))
+    found = best_region(library, basis(library, noise, []), everywhere)
+    (gate,) = found.term.gates
+    assert gate.variable == "v_y"
+    assert gate.low == pytest.approx(4.0, abs=0.5)
+    assert gate.high == np.inf
+    assert found.bic < min(s.bic for s in everywhere) - CLEARLY
+    assert found.amplitudes == pytest.approx([0.05], rel=0.05)
+
+
+def test_an_effect_that_acts_everywhere_is_not_confined():
+    mismatch, noise = laid_out(lambda s: 0.02 * s.v)
+    library = library_of(mismatch, noise)
+    current = basis(library, noise, [])
+    assert best_region(library, current, library.screen(current)) is None
+
+
+@pytest.mark.parametrize(("level", "begin", "end"), [(0.15, 10.0, 14.0), (-0.2, 2.0, 4.0)])
+def test_a_force_over_an_interval_is_found_in_its_part_and_stays_there(level, begin, end):
+    mismatch, noise = laid_out(lambda s: level * ((s.part == "p1") & (s.time >= begin) & (s.time < end)))
+    found = find_events(mismatch, noise, mismatch.target / NOISE)
+    ((part, first, last),) = found.intervals
+    assert part == "p1"
+    assert (first, last) == (pytest.approx(begin, abs=0.25), pytest.approx(end, abs=0.25))
+    seen = [found.regressors(state).any() for state in mismatch.states]
+    assert seen == [False, True, False]
+
+
+def test_noise_alone_has_no_events_and_no_rhythm():
+    for seed in range(10):
+        mismatch, noise = laid_out(nothing, seed)
+        assert find_events(mismatch, noise, mismatch.target / NOISE) is None
+        assert find_rhythms(mismatch, noise, mismatch.target / NOISE) == []
+
+
+@pytest.mark.parametrize("period", [0.37, 3.1])
+def test_a_wave_in_time_is_found_with_its_period(period):
+    mismatch, noise = laid_out(lambda s: 0.04 * np.sin(2 * np.pi * s.clock / period))
+    rhythm, found = find_rhythms(mismatch, noise, mismatch.target / NOISE)[0]
+    assert isinstance(rhythm, Rhythm)
+    assert found == pytest.approx(period, rel=0.03)
+
+
+def test_a_rhythm_on_the_machines_clock_runs_on_through_the_pauses():
+    states = axis_states(list(recordings(2)), "x")
+    waves = [Rhythm(clock=True).regressors(s, T=7.0)[:, 0] for s in states]
+    np.testing.assert_allclose(waves[1], np.sin(2 * np.pi * (100.0 + states[1].time) / 7.0), atol=1e-12)
+    alone = Rhythm(clock=False).regressors(states[1], T=7.0)[:, 0]
+    np.testing.assert_allclose(alone, waves[0], atol=1e-12)
+
+
+def test_levels_of_intervals_are_numbered_amplitudes():
+    force = ExternalForce((("p0", 1.0, 2.0), ("p2", 3.0, 5.0)))
+    assert [(a.name, a.unit) for a in force.amplitudes] == [("F_1", "A"), ("F_2", "A")]
+
+
+def test_what_no_mechanism_describes_becomes_one_unknown_over_the_right_quantity():
+    mismatch, noise = laid_out(lambda s: 0.3 * np.exp(-(((np.abs(s.others["y"].v) - 6.0) / 1.2) ** 2)))
+    terms, _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
+    (term,) = terms
+    assert term.name == "unknown"
+    assert "v_y" in term.mechanism.equation
+
+
+def test_a_named_effect_that_explains_everything_keeps_its_name():
+    mismatch, noise = laid_out(lambda s: 0.03 * s.v)
+    terms, note = with_unknown(library_of(mismatch, noise), noise, [Term(VISCOUS)], seed=0)
+    assert terms == [Term(VISCOUS)]
+    assert note is None
+
+
+def test_a_gate_says_its_condition_as_the_contract_has_it():
+    assert Gate("v_x", low=4.0).condition == "v_x > 4"
+    assert Gate("AR", low=1.0, high=2.5).condition == "AR > 1 and AR < 2.5"
