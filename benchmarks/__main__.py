@@ -98,6 +98,8 @@ def main(names: tuple[str, ...], quick: bool, kept: Path, page: Path | None, onl
     keep(kept, about, quick, rows)
     if page:
         page.write_text(markdown(rows, about), encoding="utf-8")
+    if beyond := [found["work"] for found in rows if not found.get("within", True)]:
+        raise click.ClickException(f"results changed beyond their bound: {'; '.join(beyond)}")
     if failed:
         raise click.ClickException(f"not measured: {', '.join(failed)}")
 

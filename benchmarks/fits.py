@@ -25,6 +25,7 @@ from pido.equations.weights import PAPER_KERNELS, Kernel
 from pido.feature_space.grid import EQUATION_GRID, Grid
 
 NOISE = 0.2
+CELLS = Grid((1.5, 1.5, 15.0))
 MACHINE = machine("dmc60h")
 
 
@@ -128,8 +129,9 @@ def lines(
         ">= 0.8",
         f"{exact_time:.2f} s",
     )
-    moments = Moments(PAPER, MACHINE, Grid((1.0, 1.0, 10.0)))
+    moments = Moments(PAPER, MACHINE, CELLS)
     moments.add(data)
+    fit_local_from(moments, bins[:300])  # compiled before the clock starts
     fast_time, fast = timed(lambda: fit_local_from(moments, bins, kernels=kernels), 5)
     probe = data.take(slice(0, 20_000))
     error = np.sqrt(np.mean((fast.predict(probe) - exact.predict(probe)) ** 2)) / NOISE
@@ -139,7 +141,7 @@ def lines(
         exact_time / fast_time,
         ">= 10",
         f"{error:.4f} of the noise (goal 0.005), {fast_time:.3f} s",
-    )
+    ) | {"within": bool(error <= 0.005)}
     yield from _large(*large)
 
 
@@ -154,7 +156,7 @@ def peers_cache(X: np.ndarray, data: Samples, centres: np.ndarray, kernels: tupl
 
 def _large(n: int, b: int) -> Iterator[dict[str, Any]]:
     data, bins = samples(n), bins_of(b)
-    grid = Grid((1.0, 1.0, 10.0))
+    grid = CELLS
     key = grid.ids(data.reduced)
     order = np.argsort(key, kind="stable")
     z = stack(PAPER.design(data, MACHINE), data.currents)[order]

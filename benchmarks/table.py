@@ -1,6 +1,7 @@
 """Rows of the benchmark table: how they are timed, judged, printed, and kept for the next run.
 
 In:  rows {work, peer, ratio, goal, error} of the modules beside this one; more keys are carried along.
+     `within` is False where a speed-up changed results beyond the stated bound: then the whole run fails.
 Out: whether a goal is met, what changed since the last run on the same machine, the table as text or Markdown.
 """
 
@@ -44,7 +45,9 @@ def both_clocks(ways: Mapping[str, Callable[[], Any]], repeats: int = 5) -> dict
 
 
 def met(found: Row) -> bool | None:
-    """Whether a row reaches its goal; None where the goal is words."""
+    """Whether a row reaches its goal; None where the goal is words. Never where its error is beyond its bound."""
+    if not found.get("within", True):
+        return False
     goal = found["goal"]
     if isinstance(goal, int | float):
         return bool(found["ratio"] >= goal)
@@ -63,7 +66,8 @@ def goal_words(found: Row) -> str:
 
 def error_words(found: Row) -> str:
     error = found["error"]
-    return f"{error:.1e}" if isinstance(error, int | float) else str(error)
+    words = f"{error:.1e}" if isinstance(error, int | float) else str(error)
+    return words if found.get("within", True) else f"{words}: BEYOND ITS BOUND"
 
 
 def machine() -> dict[str, Any]:

@@ -22,9 +22,19 @@ from pido.core.machining import Machine
 from pido.core.samples import Samples
 from pido.equations.moments import Moments
 from pido.equations.rows import columns, patterns, products, stack, total
+from pido.equations.separable import NEAR, Columns
 from pido.equations.solve import Solution, excited, solve
 from pido.equations.terms import PAPER, TermSet
-from pido.equations.weights import PAPER_KERNELS, ROWS, Kernel, WeightedSums, in_threads, padded, weighted_sums
+from pido.equations.weights import (
+    PAPER_KERNELS,
+    ROWS,
+    Kernel,
+    WeightedSums,
+    add_share,
+    in_threads,
+    padded,
+    weighted_sums,
+)
 from pido.feature_space.density import locate
 from pido.feature_space.grid import EQUATION_GRID, Grid
 
@@ -323,16 +333,22 @@ class _Cells(_Evidence):
     def __init__(self, moments: Moments) -> None:
         self.terms, self.machine = moments.terms, moments.machine
         self.points, self.counts, self.pattern, self._sums = moments.cells()
+        self._index = moments.grid.index(moments.keys >> 4)
 
     def local_sums(
         self, centres: Float2D, which: Int1D | None, axes: list[int], whole: Float1D, kernel: Kernel
     ) -> WeightedSums:
         rows = slice(None) if which is None else which
-        wanted = columns(len(self.terms), axes)
-        sums = np.zeros((len(self._sums[rows]), padded(len(wanted))))
-        sums[:, : len(wanted)] = self._sums[rows][:, wanted]
         points, counts = self.points[rows], self.counts[rows].astype(float)
-        return weighted_sums(centres, points, counts, lambda start, stop: sums[start:stop], whole, kernel)
+        wanted = columns(len(self.terms), axes)
+        sums = self._sums[rows][:, wanted]
+        cells = Columns(points, self._index[rows], counts, sums)
+        few = cells.operations(centres) < 0.5 * len(points) * len(centres)
+        if few and cells.way() <= NEAR * kernel.sigma:
+            return add_share(cells.sums(centres, kernel), whole, float(counts.sum()), kernel.beta)
+        block = np.zeros((len(points), padded(len(wanted))))
+        block[:, : len(wanted)] = sums
+        return weighted_sums(centres, points, counts, lambda start, stop: block[start:stop], whole, kernel)
 
     def total(self, which: Int1D | None) -> Float1D:
         return (self._sums if which is None else self._sums[which]).sum(axis=0)

@@ -21,7 +21,8 @@ from threadpoolctl import ThreadpoolController
 from pido.core.arrays import Float1D, Float2D
 from pido.core.errors import FitError
 
-S, T = TypeVar("S"), TypeVar("T")
+S = TypeVar("S")
+T = TypeVar("T")
 
 ROWS, BINS = 512, 512  # a tile of weights is 2 MiB: it is made, used and overwritten inside the cache
 MANY_BINS = 4096
@@ -123,8 +124,9 @@ def weighted_sums(
         return sums, total, squared
 
     made = in_threads(work, shares, size=b * n * width)
-    together = np.concatenate if by_bins else sum
-    sums, total, squared = (together(list(values)) for values in zip(*made, strict=True))
+    sums, total, squared = (
+        np.concatenate(values) if by_bins else np.sum(values, axis=0) for values in zip(*made, strict=True)
+    )
     return add_share(WeightedSums(sums[:, : len(whole)], total, squared), whole, float(counts.sum()), kernel.beta)
 
 
