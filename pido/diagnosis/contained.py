@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from pido.diagnosis.identify import coarse_columns, left_over
+from pido.diagnosis.identify import coarse_columns, lasting, left_over
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import Library, basis, best_addition, drop_useless, grid_terms, swap
@@ -72,13 +72,6 @@ def contained(
         effect = amplitudes @ term.columns(problem.states)
         without = basis(library, faint, [t for k, t in enumerate(terms) if k != i]).rss
         large = float(np.sqrt(np.mean(effect[thin.usable] ** 2))) > _LEAST_SHARE * size
-        if large and _lasts(term, mismatch) and without > (1 + _LEAST_OWN) * joint.rss:
+        if large and lasting(mismatch, term) > _LASTING and without > (1 + _LEAST_OWN) * joint.rss:
             out[term.mechanism.id] = term
     return out
-
-
-def _lasts(term: Term, mismatch: Mismatch) -> bool:
-    """Whether a component is more than single rows, which a rounded sign or a late sample also leaves."""
-    rows = term.columns(mismatch.states) * mismatch.usable
-    power = float(np.sum(rows**2))
-    return power > 0 and float(np.sum(rows[:, 1:] * rows[:, :-1])) > _LASTING * power

@@ -42,7 +42,7 @@ from pido.diagnosis.whiten import Noise, estimate_noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
-LEAST_EFFECT = 0.05  # of the noise level, rms where active: a smaller effect is of no use to anybody
+LEAST_EFFECT = 0.1  # of the noise level, rms where active: a smaller effect is of no use to anybody
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term
 # whose shape is free, and of one that can take a single form only.
@@ -50,6 +50,7 @@ MISFIT, MISFIT_PLAIN = 0.04, 0.01
 SMALL = 0.12  # the same share for a finding that is small in its own right
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
+LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
 _CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
 SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
@@ -367,6 +368,8 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
         if rms < LEAST_EFFECT * level:
             return i, f"{rms:.2g} A where it acts, under {LEAST_EFFECT:.0%} of the noise"
         others = [t for k, t in enumerate(terms) if k != i]
+        if term.mechanism.transient and lasting(mismatch, term) < LASTING:
+            return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
         if term.mechanism.id == "external_force":
             # A force over intervals of one part can be proved on other seconds of the same part only.
             fold = mismatch.block % 5
@@ -411,6 +414,12 @@ def _misfit(
     if np.isinf(least):
         return 0, None
     return which, f"{max(least, 0.0):.1%} of what is removed where it acts: a misfit of stronger findings"
+
+
+def lasting(mismatch: Mismatch, term: Term) -> float:
+    """Correlation of a term with itself one row later: near zero where it is there for single rows only."""
+    rows = term.columns(mismatch.states) * mismatch.usable
+    return float(np.sum(rows[:, 1:] * rows[:, :-1]) / max(np.sum(rows**2), 1e-300))
 
 
 def _worth(mismatch: Mismatch, before: Float1D, after: Float1D) -> bool:

@@ -259,7 +259,8 @@ def simplest(scores: Sequence[Score]) -> Score:
     """The score of least BIC, or the simplest of those within a tie of it."""
     least = min(s.bic for s in scores)
     near = [s for s in scores if s.bic <= least + _TIE]
-    return min(near, key=lambda s: (len(s.amplitudes) + s.term.free, s.bic))
+    # A constant on a vertical axis is rather a weight than a wrong sensor.
+    return min(near, key=lambda s: (len(s.amplitudes) + s.term.free, s.term.mechanism.kind == "data_fault", s.bic))
 
 
 def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> Score:

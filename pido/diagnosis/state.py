@@ -48,7 +48,8 @@ class AxisState:
     held : sign of the last real motion, 0 while unknown; moving : |v| above the dead band
     since_reversal : mm (deg) travelled, and since_reversal_s : s passed, since the last reversal; inf before the first
     segment : number of reversals so far
-    force, force_perp : N, process force along the axis and across it; m_sp : N·m; mrr : mm³/s; ar : mm²
+    force, force_perp : N, process force along the axis and across it; forces : N, along every axis that has one
+    m_sp : N·m; mrr : mm³/s; ar : mm²
     engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it
     cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
     clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
@@ -72,6 +73,7 @@ class AxisState:
     segment: Float1D
     others: Mapping[str, Motion] = field(default_factory=dict)
     force: Float1D | None = None
+    forces: Mapping[str, Float1D] = field(default_factory=dict)
     force_perp: Float1D | None = None
     m_sp: Float1D | None = None
     mrr: Float1D | None = None
@@ -174,6 +176,7 @@ def _state(
         segment=segment,
         others=motions,
         force=forces.get(axis),
+        forces=forces,
         force_perp=np.sqrt(np.sum(np.square(across), axis=0)) if complete else None,
         m_sp=m_sp,
         mrr=mrr,

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from pido.core.arrays import Float1D, Float2D, Int1D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
@@ -29,6 +29,7 @@ _TREES: dict[str, Any] = dict(
 )
 _MOST_ROWS = 8_000
 _FEWEST_ROWS = 200
+_LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut began
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
 
 
@@ -57,7 +58,9 @@ def signals(state: AxisState) -> dict[str, tuple[Float1D, str]]:
         f"pos_{a}": (None if spindle else state.pos, length),
         f"held_{a}": (state.held, "–"),
         f"d_{a}": (state.since_reversal, length),
-        f"f_{a}": (state.force, "N"),
+        **{f"f_{axis}": (force, "N") for axis, force in state.forces.items()},
+        "t_block": (_since_change(state.time, state.nc_line), "s"),
+        "t_cut": (_since_change(state.time, state.engaged, state.engaged), "s"),
         "M_sp": (state.m_sp, "N·m"),
         "MRR": (state.mrr, "mm³/s"),
         "AR": (state.ar, "mm²"),
@@ -69,6 +72,15 @@ def signals(state: AxisState) -> dict[str, tuple[Float1D, str]]:
             found[f"v_{name}"] = (other.v, "deg/s" if name == "sp" else "mm/s")
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
     return {k: (_finite(np.asarray(v, float)), unit) for k, (v, unit) in found.items() if v is not None}
+
+
+def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = None) -> Float1D | None:
+    """s since `values` changed, at most ten; 0 outside `only`; None without values."""
+    if values is None:
+        return None
+    change = np.r_[True, values[1:] != values[:-1]]
+    since = time - time[np.maximum.accumulate(np.where(change, np.arange(len(time)), 0))]
+    return np.minimum(since, _LONG_S) * (1.0 if only is None else only)
 
 
 def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:

@@ -73,6 +73,7 @@ class Mechanism(ABC):
     shape: ClassVar[tuple[Parameter, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = AXES
     summary: ClassVar[str] = ""
+    transient: ClassVar[bool] = False  # acts around stops and reversals only
     looked_at: ClassVar[int] = 1  # shapes that `suggest` compares; a claim is charged for them
 
     @property

@@ -88,6 +88,7 @@ class Backlash(Mechanism):
     """
 
     id = "backlash"
+    transient = True
     equation = "dI = B * exp(-(s / gap)^edge) * sgn(v), s = way or time since the reversal"
     amplitudes = (Parameter("B", "A"),)
     shape = (

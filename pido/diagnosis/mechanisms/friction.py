@@ -69,6 +69,7 @@ class StribeckFriction(Mechanism):
     """Friction that rises as the axis slows down (Stribeck 1902; Armstrong-Hélouvry 1994)."""
 
     id = "stribeck_friction"
+    transient = True
     equation = "dI = (F_s - F_c) * exp(-(|v| / v_s)^delta) * sgn(v)"
     amplitudes = (Parameter("F_s - F_c", "A", low=0.0),)
     shape = (
@@ -238,6 +239,7 @@ class PreslidingHysteresis(Mechanism):
     """
 
     id = "presliding_hysteresis"
+    transient = True
     equation = "dI = F_p * (z - z_sim); dz/ds = (h - z) / x_0, h = direction of the last motion, z_sim = h, 0 or sgn(v)"
     amplitudes = (Parameter("F_p", "A", low=0.0),)
     shape = (Parameter("x_0", "mm", low=0.003, high=3.0, scale="log", points=7), choice("full", 3))
