@@ -4,7 +4,8 @@ In:  cells of a height map, samples on a line, a flat tool whose disc at the fir
 Out: per step what it removed, as if the steps had been swept one by one; the cells are changed in place.
 
 Each cell is visited once, for the whole line. What it loses is shared among the steps that the rim takes to pass over
-it: step k gets the growth of the area that the disc covers between samples k - 1 and k.
+it: step k gets the growth of the area that the disc covers between samples k - 1 and k. Where the line runs along a
+row of the grid, untouched cells of one height are shared together.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import math
 import numpy as np
 from numba import njit
 
-from pido.process.cells import FAST, HALF_DIAGONAL, TOP, covered, cut_part, cut_whole, row_span
+from pido.process.cells import COV, FAST, HALF_DIAGONAL, SKIN, TOP, covered, cut_part, cut_whole, row_span
 
 STRAIGHT = 1e-3
 """Cells by which a sample may lie beside the line."""
@@ -52,6 +53,70 @@ def _share(x, q, radius, d_u, d_v):
     if d >= radius + HALF_DIAGONAL:
         return 0.0
     return covered(radius - d, (ahead * d_u - q * d_v) / d, (ahead * d_v + q * d_u) / d)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _edge(q, d_u, radius):
+    """Where the rim is over a row that the line runs along: (rim, slope, normal in u and v, ramp), lengths in cells."""
+    rim = math.sqrt(radius * radius - q * q)
+    slope = rim / radius
+    n_x, n_y = slope * d_u, q * d_u / radius
+    return rim, slope, n_x, n_y, 0.5 * (abs(n_x) + abs(n_y)) / slope
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def _even_stretch(cells, j, i0, i1, u0, d_u, y, z, length, radius):
+    """From, to: the first stretch of untouched cells of one height that the rim passes over wholly."""
+    rim, _, _, _, ramp = _edge(y * d_u, d_u, radius)
+    # a cell at s along the line: s - rim + ramp <= length and s - rim - ramp >= 0
+    low, high = rim + ramp, length + rim - ramp
+    if d_u > 0.0:
+        a, b = math.ceil(u0 + low - 0.5), math.floor(u0 + high - 0.5) + 1
+    else:
+        a, b = math.ceil(u0 - high - 0.5), math.floor(u0 - low - 0.5) + 1
+    a, b = max(a, i0), min(b, i1)
+    while a < b and (cells[j, a, COV] > 0.0 or cells[j, a, TOP] <= z + SKIN):
+        a += 1
+    end = a
+    while end < b and cells[j, end, COV] == 0.0 and cells[j, end, TOP] == cells[j, a, TOP]:
+        end += 1
+    return a, end
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def _cut_even(cells, j, i0, i1, u0, d_u, y, z, radius, at, start, out):
+    """Lower an even stretch of a row to z, and share it among the steps.
+
+    The area that the disc covers of a row of equal cells grows with its way, one cell per cell, once the rim's edge
+    lies within the stretch; only where it enters or leaves the stretch are the cells under the edge looked at singly.
+    """
+    if i1 <= i0:
+        return
+    q = y * d_u
+    rim, slope, n_x, n_y, ramp = _edge(q, d_u, radius)
+    height = cells[j, i0, TOP] - z
+    for i in range(i0, i1):
+        cells[j, i, TOP] = z
+    first = (i0 + 0.5 - u0) * d_u if d_u > 0.0 else (i1 - 0.5 - u0) * d_u  # along the line
+    count = i1 - i0
+    k = np.searchsorted(at, first - rim - ramp)
+    before, m = 0.0, max(k, 1)
+    while m < len(at) and before < count:
+        edge = at[m] - first + rim  # cells from the middle of the first one
+        if edge >= ramp and edge <= count - 1 - ramp:
+            area = edge + 0.5
+        else:
+            a, b = max(math.ceil(edge - ramp), 0), min(math.floor(edge + ramp), count - 1)
+            area = min(max(a, 0), count) * 1.0
+            for c in range(a, b + 1):
+                area += covered((edge - c) * slope, n_x, n_y)
+        grown = height * (area - before)
+        if grown > 0.0:
+            out[start + m, 0] += grown
+            out[start + m, 2] += grown * q
+            out[start + m, 3] = max(out[start + m, 3], height)
+        before = area
+        m += 1
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -96,7 +161,13 @@ def sweep_run(cells, pos, first, last, radius, out):
             continue
         i0 = max(math.ceil(a0 - 0.5), 0)
         i1 = min(math.floor(a1 - 0.5) + 1, n_u)
-        for i in range(i0, i1):
+        if abs(d_v) < 1e-12 and abs(y) <= steep:
+            even_from, even_to = _even_stretch(cells, j, i0, i1, u0, d_u, y, z, length, radius)
+            _cut_even(cells, j, even_from, even_to, u0, d_u, y, z, radius, at, start, out)
+        else:
+            even_from, even_to = i1, i1
+        for n in range(i0, i1 - (even_to - even_from)):
+            i = n if n < even_from else n + even_to - even_from
             before = cells[j, i, TOP]
             if before <= tip:
                 continue

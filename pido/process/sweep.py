@@ -6,6 +6,9 @@ Out: per step the volume removed and its first moments; the cells are changed in
 A step is the volume swept between two samples (a capsule), not a series of discs. Where the tool does not go down, the
 disc of the step before is already clear, and only the crescent ahead of it is visited. Steps that follow each other on
 one straight, level line are swept together (`pido.process.straight`). What a cell keeps: `pido.process.cells`.
+
+numba keeps the compiled loop until *this* file changes: after a change of `cells` or `straight` alone, delete
+`__pycache__` beside it.
 """
 
 from __future__ import annotations
