@@ -43,6 +43,21 @@ INSTANT = (
     "spindle_windage", "spindle_inertia", "spindle_torque_load",
 )  # fmt: skip
 """Mechanisms that follow from the 13 inputs and the held directions of one row alone."""
+NEEDS = {
+    "position_dependent_friction": "the place along the travel",
+    "torque_ripple": "the place along the travel",
+    "material_hard_zone": "the place on the workpiece",
+    "presliding_hysteresis": "the way since the last reversal and the friction state before it",
+    "backlash": "the way or time since the last reversal",
+    "edge_force": "the engaged length of edge (a_p of the NC block)",
+    "tool_wear": "what the cutting edge has cut before",
+    "coolant_load": "whether coolant is on",
+    "thermal_drift": "how long the machine has been running",
+    "external_force": "the time at which it was seen, in the parts it was seen in",
+    "current_saturation": "the current that your simulation gives",
+    "unknown": "what a formula or curve without a name was fitted over, and says nothing beyond",
+}
+"""Mechanisms that do not, and what they need beside them."""
 _AT = {name: k for k, name in enumerate(INPUTS)}
 
 
@@ -175,10 +190,12 @@ def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any],
         )
     axis_models(model)  # what this version does not know is said here, not in the next iteration
     own = [t for t in model["axes"][about["axis"]]["terms"] if t["name"] == about["mechanism"]]
-    if not own or own[0]["mechanism"]["id"] not in INSTANT:
+    id = own[0]["mechanism"]["id"] if own else ""
+    if id not in INSTANT:
+        needs = NEEDS.get(id, "more than one row says (a place, a time, what was before)")
         raise DiagnosisError(
-            f"{path}: {name} depends on more than the 13 inputs and the direction of motion (a place, a time, what "
-            "was before), so no row can be generated with it. Use it as a correction: pido correct."
+            f"{path}: {name} follows from {needs}. A generated row has the 13 inputs and the direction of motion and "
+            "nothing else, so it could not be generated with it. Use it as a correction: pido correct."
         )
     return own[0], about, hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
 

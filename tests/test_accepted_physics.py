@@ -85,7 +85,7 @@ def test_a_state_is_known_by_the_physics_in_force(tmp_path):
 @pytest.mark.parametrize(
     ("about", "says"),
     [
-        ({"mechanism": "thermal_drift", "shape": {}}, "pido correct"),
+        ({"mechanism": "thermal_drift", "shape": {}}, "how long the machine has been running.*pido correct"),
         ({"mechanism": "sensor_gain", "kind": "data_fault", "shape": {}}, "fault of the data"),
     ],
 )

@@ -26,6 +26,8 @@ from pido.reports.words import in_words
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
 MOST_MAP_POINTS = 3000
+NOT_TOLD_APART = 20.0
+"""Difference in BIC below which two mechanisms are equally good for these data."""
 
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
@@ -38,6 +40,8 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
         figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
         drawn.add(finding.axis)
         sections.append(_finding(finding, figures))
+    if not diagnosis.findings:
+        sections.append(Section("Recorded and simulated where they differ most", figures=_clean(diagnosis, by_part)))
     next_recordings = _what_to_record(diagnosis)
     if next_recordings:
         sections.append(Section("What to record next", next_recordings))
@@ -79,7 +83,7 @@ def _overview(diagnosis: Diagnosis) -> Section:
             f.kind.replace("_", " "),
             f.where.summary,
             f"{number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}" if np.isfinite(f.fit.rmse_before) else "–",
-            _chance(f.evidence.q_value),
+            _chance(f.evidence.q_value).removeprefix("= "),
         )
         for f in diagnosis.findings
     ]
@@ -97,21 +101,29 @@ def _finding(f: Finding, figures: list[figure]) -> Section:
         lines.append(f"NC blocks: {shown}{' …' if len(f.where.nc_lines) > 20 else ''}")
     if np.isfinite(f.evidence.delta_bic):
         lines.append(
-            f"Evidence: p = {_chance(f.evidence.p_value)}, corrected for all questions asked q = "
+            f"Evidence: p {_chance(f.evidence.p_value)}, corrected for all questions asked q "
             f"{_chance(f.evidence.q_value)}; difference in BIC {number(f.evidence.delta_bic)}."
         )
     if np.isfinite(f.fit.rmse_before):
         lines.append(
             f"On unseen data ({f.fit.scheme}): RMSE {number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}, R² "
-            f"{number(f.fit.r2_before)} → {number(f.fit.r2_after)}, p = {_chance(f.fit.p_value)}."
+            f"{number(f.fit.r2_before)} → {number(f.fit.r2_after)}, p {_chance(f.fit.p_value)}."
         )
     else:
         lines.append("A contradiction within the recording itself: no fit is needed to see it, and none was made.")
     if f.replaces:
         lines.append(f"It takes the place of: {', '.join(f.replaces)}. Do not add the same physics twice.")
-    if f.alternatives:
-        names = ", ".join(f"{in_words(a.mechanism)} (ΔBIC {number(a.delta_bic)})" for a in f.alternatives)
-        lines.append(f"These data would also allow: {names}.")
+    for close, says in (
+        (True, "These data would also allow"),
+        (False, "Explains most of it too, but clearly less well"),
+    ):
+        names = [
+            f"{in_words(a.mechanism)} (ΔBIC {number(a.delta_bic)})"
+            for a in f.alternatives
+            if (a.delta_bic < NOT_TOLD_APART) == close
+        ]
+        if names:
+            lines.append(f"{says}: {', '.join(names)}.")
     rows = [
         (name, f"{number(e.value, 4)} {e.unit}", f"{number(e.ci95[0], 4)} … {number(e.ci95[1], 4)} {e.unit}")
         for name, e in f.parameters.items()
@@ -124,9 +136,9 @@ def _chance(p: float) -> str:
     """A probability; those too small to mean anything as a number are bounds.
 
     >>> _chance(0.0123), _chance(1e-30)
-    ('0.012', 'below 1e-12')
+    ('= 0.012', 'below 1e-12')
     """
-    return "below 1e-12" if p < 1e-12 else number(p, 2)
+    return "below 1e-12" if p < 1e-12 else f"= {number(p, 2)}"
 
 
 def _unit(diagnosis: Diagnosis) -> str:
@@ -147,7 +159,7 @@ def _what_to_record(diagnosis: Diagnosis) -> list[str]:
         f"Axis {f.axis}, {f.mechanism} or {a.mechanism}: {a.to_tell_apart}"
         for f in diagnosis.findings
         for a in f.alternatives
-        if a.to_tell_apart
+        if a.to_tell_apart and a.delta_bic < NOT_TOLD_APART
     ]
 
 
@@ -159,8 +171,7 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     part = max(shown, key=lambda p: float(np.nanmax(np.abs(shown[p].mismatch[axis]), initial=0.0)))
     recording, series = by_part[part], shown[part]
     recorded = _recorded(diagnosis, recording, axis)
-    pair = pair_of(diagnosis.model)
-    label = f"{'current' if pair is None else pair.recorded},{_unit(diagnosis)}".rstrip(",")
+    label = _label(diagnosis)
     return [
         _worst_place(part, axis, label, recorded, series),
         _over_time(part, axis, label, recorded, series),
@@ -168,18 +179,43 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     ]
 
 
+def _clean(diagnosis: Diagnosis, by_part: dict[str, Recording]) -> list[figure]:
+    """Every axis without a finding, in the part with its largest difference."""
+    figures = []
+    for axis in diagnosis.clean_axes:
+        seen = {}
+        for part, series in diagnosis.parts.items():
+            recorded = _recorded(diagnosis, by_part[part], axis)
+            if axis in series.corrected and recorded is not None:
+                seen[part] = (float(np.nanstd(recorded - series.corrected[axis])), recorded)
+        if seen:
+            part = max(seen, key=lambda p: seen[p][0])
+            figures.append(_worst_place(part, axis, _label(diagnosis), seen[part][1], diagnosis.parts[part]))
+    return figures
+
+
+def _label(diagnosis: Diagnosis) -> str:
+    """Of an axis that shows the signals that were compared."""
+    pair = pair_of(diagnosis.model)
+    return f"{'current' if pair is None else pair.recorded},{_unit(diagnosis)}".rstrip(",")
+
+
 def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:
     time = series.time
     # The stretch, not the sample, with the largest mismatch: a single spike is not what the reader has to see.
+    simulated = series.corrected[axis] - series.mismatch[axis]
     power = np.nan_to_num(series.mismatch[axis]) ** 2
+    if recorded is not None and not power.any():
+        power = np.nan_to_num(recorded - simulated) ** 2
     step = max(float(np.median(np.diff(time))), 1e-6)
     width = max(1, min(len(time), int(AROUND_WORST_S / step)))
     total = np.cumsum(np.concatenate([[0.0], power]))
     start = int(np.argmax(total[width:] - total[:-width]))
     window = slice(start, start + width)
     plot = signal_figure(f"Part {part}, axis {axis}: where it differs most", "time, s", label)
-    simulated = series.corrected[axis] - series.mismatch[axis]
     lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
+    if not series.mismatch[axis].any():
+        lines.pop()  # nothing was corrected
     if recorded is not None:
         lines.insert(0, ("recorded", recorded, "solid"))
     for name, values, dash in lines:
@@ -190,7 +226,7 @@ def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, ser
 
 
 def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:
-    plot = signal_figure(f"Part {part}, axis {axis}: difference over the whole part", "time, s", label, 220)
+    plot = signal_figure(f"Part {part}, axis {axis}: difference", "time, s", label, 220)
     if recorded is not None:
         x, y = extremes(series.time, recorded - (series.corrected[axis] - series.mismatch[axis]))
         plot.line(x, y, color="#999999", legend_label="recorded − simulated")

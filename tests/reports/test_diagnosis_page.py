@@ -1,6 +1,7 @@
 """The contract's files and the page, from a diagnosis whose content is known."""
 
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -135,3 +136,36 @@ def test_thinning_a_signal_keeps_its_extremes():
     assert thinned.max() == 7.0
     assert thinned.min() == -9.0
     assert x[np.argmax(thinned)] == 12_345
+
+
+def test_only_what_is_nearly_as_likely_is_called_possible_and_asks_for_a_recording():
+    diagnosis, recording = _diagnosis()
+    far = Alternative("backlash", 8000.0, "reversals with pauses")
+    (finding,) = diagnosis.findings
+    finding = replace(finding, alternatives=(*finding.alternatives, far))
+    html = render(diagnosis_page(replace(diagnosis, findings=(finding,)), [recording]))
+    assert "reversals with pauses" not in html
+    assert "clearly less well: a transient after each reversal" in html
+
+
+def test_without_a_finding_the_signals_are_shown_all_the_same():
+    recording = _recording()
+    zero = np.zeros(len(recording))
+    series = PartSeries(recording.time, {"x": zero}, {"x": zero}, {"x": recording["curr_x"]})
+    html = render(diagnosis_page(Diagnosis((), ("x",), {"p01": series}, {}), [recording]))
+    assert "where it differs most" in html
+
+
+def test_a_fault_of_the_inputs_claims_no_fit():
+    diagnosis, recording = _diagnosis()
+    none = float("nan")
+    fault = replace(
+        diagnosis.findings[0],
+        mechanism="input_fault",
+        evidence=Evidence(0.0, 0.0, float("inf")),
+        fit=HeldOut("no fit: rows are set aside", none, none, none, none, 0.0),
+    )
+    page = diagnosis_page(replace(diagnosis, findings=(fault,)), [recording])
+    assert "falls from" not in page.verdict
+    assert "nan" not in page.verdict
+    assert "no fit is needed" in render(page)
