@@ -34,12 +34,13 @@ from pido.equations.terms import TermSet
 from pido.feature_space.density import balance as evenness
 from pido.feature_space.density import occupancy, relevant_bins
 from pido.feature_space.grid import Grid
-from pido.models.axis_models import AxisModels, Trained, held_out_errors
+from pido.models.axis_models import AxisModels, Trained
 from pido.models.inputs import InputKind
 from pido.models.metrics import AxisMetrics, metrics
 from pido.models.rivals import RIVALS
 from pido.sampling.method import PAPER_METHOD, Adaptation, Method, adapt, balance_for
 from pido.sampling.optimise import Report
+from pido.sampling.trust import Train
 
 log = logging.getLogger(__name__)
 Progress = Callable[[int, int, str], None]
@@ -170,9 +171,11 @@ def relevant(path: Samples, recipe: Recipe) -> Int1D:
 
 def refit(real: Samples, machine: Machine, recipe: Recipe, seed: int) -> Adaptation:
     """Which equation per axis, and which share rule, the real rows ask for: judged on rows left out."""
-    model_error = None
-    if recipe.method.adaptive:
-        model_error = held_out_errors(real, inputs=recipe.inputs, grid=recipe.method.grid, seed=seed)
+    return adapt(real, machine, recipe.method, train=_trainer(recipe, seed), extended=recipe.extended)
+
+
+def _trainer(recipe: Recipe, seed: int) -> Train:
+    """The models of the recipe, as the method asks for them."""
 
     trained = Trained()
 
@@ -181,17 +184,16 @@ def refit(real: Samples, machine: Machine, recipe: Recipe, seed: int) -> Adaptat
             rows, weights, choice=recipe.estimators, inputs=recipe.inputs, seed=seed, trained=trained
         ).predict
 
-    return adapt(
-        real, machine, recipe.method, train=train, model_error=model_error, extended=recipe.extended,
-        rng=np.random.default_rng(seed),
-    )  # fmt: skip
+    return train
 
 
 def balance(
     real: Samples, path: Samples, adaptation: Adaptation, machine: Machine, recipe: Recipe, seed: int
 ) -> Balanced:
     """PiA and PiE rows for the bins of a path. Same rows, same seed: same answer."""
-    found = balance_for(path, real, machine, recipe.method, adaptation, rng=np.random.default_rng(seed))
+    found = balance_for(
+        path, real, machine, recipe.method, adaptation, rng=np.random.default_rng(seed), train=_trainer(recipe, seed)
+    )
     both = Samples.concat([real, found.generated]) if len(found.generated) else real
     needed, grid = relevant(path, recipe), recipe.method.grid
     return Balanced(
@@ -219,11 +221,12 @@ def evaluate(path: Samples, before: Samples, models: Mapping[str, AxisModels]) -
 
 
 def words(adaptation: Adaptation) -> dict[str, str]:
-    """The chosen equation per axis, and whether generated rows had helped there on held-out parts."""
-    return {
-        axis: f"{near}; rows: {rule.pia.__name__}, {rule.pie.__name__}"
-        for axis, near, rule in zip(AXES, adaptation.choice.near, adaptation.shares, strict=True)
-    }
+    """The chosen equation per axis, and by which one generated rows had helped there on held-out parts."""
+    if adaptation.trust is None:
+        rows = [f"{rule.pia.__name__}, {rule.pie.__name__}" for rule in adaptation.shares]
+    else:
+        rows = ["none" if terms is None else f"by '{terms.id}'" for terms in adaptation.trust.terms]
+    return {axis: f"{near}; rows: {what}" for axis, near, what in zip(AXES, adaptation.choice.near, rows, strict=True)}
 
 
 def rivals(path: Samples, before: Samples) -> dict[str, Float2D]:

@@ -1,9 +1,13 @@
-"""What tests share: where the real recordings are."""
+"""What tests share: where the real recordings are, and that no property is judged by how long it takes."""
 
 import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")

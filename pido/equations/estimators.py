@@ -120,7 +120,7 @@ class PhysicalEquation(_EquationRegressor):
     """One physical equation for all samples (paper, eq. 5 and 17), by least squares.
 
     machine : whose ranges scale the terms; None: round figures of a middle-sized mill
-    terms : 'paper', 'paper-held', 'held', 'held-small', 'constant', or a `TermSet`
+    terms : 'paper', 'paper-held', 'held', 'held-small', 'friction', 'constant', or a `TermSet`
 
     >>> X = {"v_x": np.r_[-30.0:30.0:200j], "a_x": np.zeros(200)}
     >>> model = PhysicalEquation(terms="held").fit(X, 0.8 * np.sign(X["v_x"]) + 0.02 * X["v_x"])

@@ -181,6 +181,32 @@ HELD_SMALL = TermSet(
 """The least that a feed axis and an idle or loaded spindle need; carries furthest beyond the samples that it saw."""
 
 
+_STRIBECK = (0.02, 0.2, 1.0)  # mm/s: holding at rest, two speeds at which friction falls
+
+
+def _friction_columns(samples: Samples) -> Float2D:
+    at_rest = [
+        samples.direction[:, k] * np.exp(-((samples.inputs[:, k] / v_s) ** 2)) for k in range(3) for v_s in _STRIBECK
+    ]
+    return np.column_stack([_plain_columns(samples), *at_rest])
+
+
+def _friction_ranges(machine: Machine) -> list[float]:
+    return _plain_ranges(machine) + [1.0] * (3 * len(_STRIBECK))
+
+
+FRICTION = TermSet(
+    "friction",
+    (*HELD.names, *(f"held(v_{a}) exp(-(v_{a}/{v_s})²)" for a in LINEAR_AXES for v_s in _STRIBECK)),
+    0,
+    1e-4,
+    _friction_columns,
+    _friction_ranges,
+)
+"""The same with friction that rises towards standstill (Stribeck; Armstrong-Hélouvry et al., Automatica 30, 1994), at
+fixed speeds, so that it stays linear. It needs rows at rest and in motion."""
+
+
 def _ones(samples: Samples) -> Float2D:
     return np.ones((len(samples), 1))
 
@@ -192,7 +218,7 @@ def _one(machine: Machine) -> list[float]:
 CONSTANT = TermSet("constant", ("1",), 0, 1e-4, _ones, _one)
 """No physics at all: what every equation has to beat."""
 
-TERM_SETS = (PAPER, PAPER_HELD, HELD, HELD_SMALL, CONSTANT)
+TERM_SETS = (PAPER, PAPER_HELD, HELD, HELD_SMALL, FRICTION, CONSTANT)
 
 
 def term_set(name: str) -> TermSet:

@@ -27,21 +27,24 @@ QUICK_STEPS = {TIME: (10, 30, 100), RANDOM: (10, 30), FILES: (1, 3)}
 FEW_IN_SPACE = 20
 
 
-def steps(fleet: Fleet, scenario: str, quick: bool) -> tuple[int, ...]:
+def steps(fleet: Fleet, scenario: str) -> tuple[int, ...]:
     """Percents of a file, or numbers of files."""
-    if quick:
-        return QUICK_STEPS[scenario]
     return tuple(range(1, len(fleet.sets))) if scenario == FILES else tuple(range(10, 101, 10))
 
 
-def plan(fleet: Fleet, options: Options, variants: Sequence[str] = (*PRINTED, *DELIVERED)) -> list[Unit]:
-    """One unit per scenario and repeat: the steps of a repeat share what was adapted."""
+def plan(
+    fleet: Fleet,
+    options: Options,
+    variants: Sequence[str] = (*PRINTED, *DELIVERED),
+    quick: Mapping[str, tuple[int, ...]] = QUICK_STEPS,
+) -> list[Unit]:
+    """One unit per scenario and repeat: the steps of a repeat share what was adapted. quick : steps of a quick run."""
     return [
         Unit(
             f"{scenario}, repeat {repeat}",
             {
                 "scenario": scenario, "repeat": repeat, "seed": options.seed,
-                "steps": list(steps(fleet, scenario, options.quick)), "variants": list(variants),
+                "steps": list(quick[scenario] if options.quick else steps(fleet, scenario)), "variants": list(variants),
                 "trees": 10 if options.quick else 30, "estimators": options.estimators,
             },
         )

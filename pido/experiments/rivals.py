@@ -13,15 +13,18 @@ import pandas as pd
 
 from pido.experiments import ablation
 from pido.experiments.base import Experiment, Options, Outcome, Shown, Unit
+from pido.experiments.cells import FILES, RANDOM, TIME
 from pido.experiments.compare import by_step, changes_tested, counts, means, over_axes
 from pido.experiments.data import Fleet
 from pido.experiments.significance import LEVEL, corrected, paired_p
 from pido.experiments.variants import DELIVERED, GENERATING, OTHERS
 
+QUICK_STEPS = {TIME: (30,), RANDOM: (10, 30), FILES: (1,)}
+
 
 def plan(fleet: Fleet, options: Options) -> list[Unit]:
     """As the ablation, with the rivals in place of the printed variants."""
-    return ablation.plan(fleet, options, ("real", "PiA+PiE", *DELIVERED, *OTHERS))
+    return ablation.plan(fleet, options, ("real", "PiA+PiE", *DELIVERED, *OTHERS), QUICK_STEPS)
 
 
 def summarise(table: pd.DataFrame) -> Outcome:

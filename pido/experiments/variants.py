@@ -22,10 +22,10 @@ from pido.core.arrays import Float2D
 from pido.core.axes import AXES
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, Samples
-from pido.equations.choose import fit_chosen
+from pido.equations.choose import PAPER_CHOICE, fit_chosen
 from pido.experiments.cells import Cell, reduced
 from pido.feature_space.density import balance, occupancy, relevant_bins
-from pido.models.axis_models import AxisModels, held_out_errors, quick_trainer
+from pido.models.axis_models import AxisModels, quick_trainer
 from pido.models.estimators import EstimatorFactory, extra_trees
 from pido.models.inputs import InputKind, model_inputs
 from pido.sampling.method import PAPER_METHOD, Adaptation, Method, adapt, balance_for
@@ -37,7 +37,7 @@ DELIVERED = ("real + direction", "real + direction, other seed", "PiDO")
 OTHERS = (*ROW_RIVALS, "DenseWeight", "equation alone", "forest on residual", "GP on residual")
 BASELINE = dict.fromkeys(PRINTED, "real") | dict.fromkeys((*DELIVERED, *OTHERS), "real + direction")
 GENERATING = tuple(ROW_RIVALS)
-_GP_ROWS = 400
+_GP_ROWS, _GP_STEPS = 250, 15
 
 
 @dataclass
@@ -67,18 +67,18 @@ def tell(
     if set(wanted) & set(PRINTED):
         _printed(cell, machine, wanted, seed, choice, told)
     if set(wanted) & {*DELIVERED, *OTHERS}:
-        _delivered(cell, machine, wanted, memory, seed, choice, told)
+        _delivered(cell, machine, wanted, memory, seed, choice, told, _GP_ROWS if trees >= 30 else _GP_ROWS // 3)
     return told
 
 
-def adaptation_for(real: Samples, machine: Machine, memory: Memory, seed: int) -> Adaptation:
-    """The choice of equations and shares for these rows, or the last one while it holds."""
+def adaptation_for(real: Samples, machine: Machine, memory: Memory, seed: int, equations: bool = True) -> Adaptation:
+    """What these rows ask for, or the last answer while it holds.
+
+    equations : whether local equations are chosen too; PiDO's own rows do not depend on them
+    """
     if memory.adaptation is None or memory.adaptation.outdated(len(real)):
-        method = Method()
-        memory.adaptation = adapt(
-            real, machine, method, train=quick_trainer(seed=seed), rng=np.random.default_rng(seed),
-            model_error=held_out_errors(real, grid=method.grid, seed=seed),
-        )  # fmt: skip
+        choice = None if equations else PAPER_CHOICE
+        memory.adaptation = adapt(real, machine, Method(), train=quick_trainer(seed=seed), choice=choice)
     return memory.adaptation
 
 
@@ -114,8 +114,9 @@ def _printed(cell: Cell, machine: Machine, wanted: Sequence[str], seed: int, cho
 
 
 def _delivered(
-    cell: Cell, machine: Machine, wanted: Sequence[str], memory: Memory, seed: int, choice: Any, told: Told
-) -> None:
+    cell: Cell, machine: Machine, wanted: Sequence[str], memory: Memory, seed: int, choice: Any, told: Told,
+    gp_rows: int,
+) -> None:  # fmt: skip
     method, real, test = Method(), cell.train, cell.test
     needed = relevant_bins(test.reduced, method.grid)
     nothing, none = real.take(slice(0, 0)), np.zeros((0, 4))
@@ -129,10 +130,14 @@ def _delivered(
     if "real + direction, other seed" in wanted:
         note("real + direction, other seed", _model(real, nothing, none, test, choice, "extended", seed + 1))
     adapted: Adaptation | None = None
-    if set(wanted) & {"PiDO", "equation alone", "forest on residual", "GP on residual"}:
-        adapted = adaptation_for(real, machine, memory, seed)
+    by_equation = bool(set(wanted) & {"equation alone", "forest on residual", "GP on residual"})
+    if by_equation or "PiDO" in wanted:
+        adapted = adaptation_for(real, machine, memory, seed, by_equation)
     if adapted is not None and "PiDO" in wanted:
-        made = balance_for(_path(test), real, machine, method, adapted, rng=np.random.default_rng(seed))
+        made = balance_for(
+            _path(test), real, machine, method, adapted, rng=np.random.default_rng(seed),
+            train=quick_trainer(seed=seed, trees=30),
+        )  # fmt: skip
         extra = made.generated
         # no row for any axis: the same model
         own = _model(real, extra, made.weights, test, choice, "extended", seed) if len(extra) else plain
@@ -146,7 +151,7 @@ def _delivered(
     if "DenseWeight" in wanted:
         weights = dense_weights(real.currents)
         note("DenseWeight", AxisModels.fit(real, weights, choice=choice, seed=seed).predict(test))
-    if adapted is not None and set(wanted) & {"equation alone", "forest on residual", "GP on residual"}:
+    if adapted is not None and by_equation:
         bins = relevant_bins(np.vstack([test.reduced, real.reduced]), method.equation_grid)
         equation = fit_chosen(real, bins, machine, adapted.choice, grid=method.equation_grid, blend=True)
         said = equation.predict(test)
@@ -156,7 +161,7 @@ def _delivered(
         if "forest on residual" in wanted:
             note("forest on residual", said + _model(left, nothing, none, test, choice, "extended", seed))
         if "GP on residual" in wanted:
-            note("GP on residual", said + _gaussian_process(left, test, np.random.default_rng(seed)))
+            note("GP on residual", said + _gaussian_process(left, test, gp_rows, np.random.default_rng(seed)))
 
 
 def _path(test: Samples) -> Samples:
@@ -164,13 +169,19 @@ def _path(test: Samples) -> Samples:
     return replace(test, currents=np.full((len(test), 4), np.nan))
 
 
-def _gaussian_process(left: Samples, test: Samples, rng: np.random.Generator) -> Float2D:
-    """Gaussian process with one length per input, on at most 400 rows; what it says far from them goes to zero."""
+def _gaussian_process(left: Samples, test: Samples, most: int, rng: np.random.Generator) -> Float2D:
+    """Gaussian process with one length per input, on at most `most` rows; what it says far from them goes to zero.
+    Lengths are searched in a few steps: to the end it takes as long as all other variants together."""
     import warnings
 
+    from scipy.optimize import minimize
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    def search(target: Any, start: Any, bounds: Any) -> tuple[Any, float]:
+        found = minimize(target, start, method="L-BFGS-B", jac=True, bounds=bounds, options={"maxiter": _GP_STEPS})
+        return found.x, found.fun
 
     x, new = model_inputs(left, "extended"), model_inputs(test, "extended")
     spread = np.std(x, axis=0)
@@ -178,12 +189,12 @@ def _gaussian_process(left: Samples, test: Samples, rng: np.random.Generator) ->
     out = np.zeros((len(test), 4))
     for i in range(4):
         rows = np.flatnonzero(np.isfinite(left.currents[:, i]))
-        rows = rng.choice(rows, min(_GP_ROWS, len(rows)), replace=False)
+        rows = rng.choice(rows, min(most, len(rows)), replace=False)
         y = left.currents[rows, i]
         if len(rows) < 10 or not np.std(y) > 0 or not live.any():
             continue
         kernel = ConstantKernel(1.0) * RBF(np.full(int(live.sum()), 3.0), (0.1, 1e3)) + WhiteKernel(0.3, (1e-4, 10.0))
-        model = GaussianProcessRegressor(kernel, normalize_y=True, random_state=0)
+        model = GaussianProcessRegressor(kernel, optimizer=search, normalize_y=True, random_state=0)
         with warnings.catch_warnings():
             # a length at its bound means that the input does not matter, which is an answer
             warnings.simplefilter("ignore", ConvergenceWarning)

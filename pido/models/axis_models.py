@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from pido.models.estimators import EstimatorFactory, estimators, extra_trees
 from pido.models.inputs import NAMES, InputKind, model_inputs
 
 log = logging.getLogger(__name__)
+_WORTH_THREADS = 20_000  # rows; for fewer, threads cost more than they bring
 
 
 class Trained:
@@ -92,16 +94,18 @@ class AxisModels:
             if not rows.any():
                 continue
             model = estimators(choice)[axis](seed)
-            if n_jobs != 1 and "n_jobs" in model.get_params():
+            if n_jobs != 1 and rows.sum() >= _WORTH_THREADS and "n_jobs" in model.get_params():
                 model.set_params(n_jobs=n_jobs)
-            model = trained.fit(model, columns[rows], samples.currents[rows, i], weight[rows, i])
+            # threads of scikit-learn empty the list of warning filters under each other; it is put back here
+            with warnings.catch_warnings():
+                model = trained.fit(model, columns[rows], samples.currents[rows, i], weight[rows, i])
             if "n_jobs" in model.get_params():
                 # threads add trees in the order in which they finish: one thread, or the last bit of a sum wavers
                 model.set_params(n_jobs=None)
             models[axis] = model
         if not models:
             raise FitError("no sample has a current on any axis: nothing to learn from. Check the recordings.")
-        log.info("trained %s on %d rows", ", ".join(models), len(order))
+        log.debug("trained %s on %d rows", ", ".join(models), len(order))
         return cls(models, inputs, seed)
 
     def predict(self, samples: Samples) -> Float2D:

@@ -86,7 +86,7 @@ class PiDOSampler(BaseEstimator):
         path = real if self.path is None else self._path()
         seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
         rng = np.random.default_rng(seed)
-        balanced = balance_for(path, real, machine, method, adapt(real, machine, method, rng=rng), rng=rng)
+        balanced = balance_for(path, real, machine, method, adapt(real, machine, method), rng=rng)
         generated, weights = balanced.generated, balanced.weights
         known = np.isfinite(generated.currents[:, axes])
         keep = np.flatnonzero(known.all(axis=1) if self.incomplete == "drop" else known.any(axis=1))

@@ -4,14 +4,14 @@ In:  real samples, the coming part's path, the machine, a `Method`; for adapting
 Out: generated rows with weights, the report, and the equations they came from.
 
 `paper`    everything as printed: 17 terms, table 2, eq. 15 and 16, no gate
-`adaptive` terms, width and reach of the weights per axis from held-out rows; a gate; and per axis the share rule that
-           made a model better on held-out parts, or none at all
+`adaptive` terms, width and reach of the weights per axis from held-out rows; a gate; and, with a model at hand, per
+           axis and region how far the equation's word is followed, from plays of an arrival, or not at all
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -21,22 +21,20 @@ from pido.core.arrays import Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.core.machining import Machine
-from pido.core.samples import Samples
+from pido.core.samples import PIE, Samples
 from pido.equations.choose import PAPER_CHOICE, AxisEquations, Choice, candidates, choose, fit_chosen
 from pido.equations.terms import TermSet
-from pido.feature_space.density import relevant_bins
+from pido.feature_space.density import locate, occupancy, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid, touched
-from pido.feature_space.regional import HeldOut, folds, interleaved
-from pido.sampling.gate import OPEN, Gate
+from pido.feature_space.regional import HeldOut
+from pido.sampling.gate import BEYOND_DRIVE, NO_SUPPORT, NOT_RECORDED, OPEN, PASSED, WORSE_THAN_MODEL, Gate
 from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
-from pido.sampling.optimise import Report, optimise
-from pido.sampling.shares import ShareRule, generous_pie, nothing
+from pido.sampling.optimise import Report, occupancy_of, optimise
+from pido.sampling.shares import ShareRule, fill, nothing
+from pido.sampling.trust import LEVELS, Train, Trust, currents, learn, pick
 
 log = logging.getLogger(__name__)
-
-Train = Callable[[Samples, Float2D], Callable[[Samples], Float2D]]
-"""Samples and weights (n, 4) to a predictor of currents (n, 4): any model."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +60,9 @@ class Adaptation:
     """What the data decided. It holds until they have grown by a good part; keep it and hand it in again.
 
     choice : equation per axis; model_error : what the model is off by on held-out rows
-    shares : rule per axis that helped on held-out parts; gain : its relative change of held-out RMSE per axis and rule
-    rows : number of real samples it rests on
+    shares : rule per axis; rows : number of real samples it rests on
+    trust : how far the equation's word is followed where; None: as `shares` and the gate say, unproven
+    gain : its relative change of held-out RMSE per axis
     """
 
     choice: Choice
@@ -71,6 +70,7 @@ class Adaptation:
     shares: tuple[ShareRule, ...]
     gain: dict[str, tuple[float, ...]]
     rows: int
+    trust: Trust | None = None
 
     def outdated(self, rows: int, growth: float = 1.5) -> bool:
         """Whether the data have grown so much that adapting again is due."""
@@ -95,19 +95,26 @@ def adapt(
     train: Train | None = None,
     model_error: HeldOut | None = None,
     extended: Sequence[TermSet] = (),
-    rng: np.random.Generator,
+    choice: Choice | None = None,
 ) -> Adaptation:
-    """Choose equations and shares from held-out rows.
+    """Choose equations, and how far they are trusted, from held-out rows.
 
     train : a quick form of the model; without it the share rule of `method` stands for all axes, unproven
-    model_error : held-out errors of the model for the gate (`pido.models.axis_models.held_out_errors`)
+    model_error : held-out errors of the model for the gate, where there is no `train`
     extended : term sets with accepted physics
+    choice : equations chosen before, or by hand; generated rows do not depend on them where there is `train`
     """
     if not method.adaptive:
         return Adaptation(_as_printed(extended), None, (method.share,) * 4, {}, len(real))
-    choice = choose(real, machine, candidates(*extended), grid=method.equation_grid, coverage=method.grid)
+    if choice is None:
+        choice = choose(real, machine, candidates(*extended), grid=method.equation_grid, coverage=method.grid)
     start = Adaptation(choice, model_error, (method.share,) * 4, {}, len(real))
-    return start if train is None else _proven(real, machine, method, start, train, rng)
+    if train is None:
+        return start
+    trust = learn(real, machine, train, extended, omega=method.omega_data)
+    to_density, none = (replace(method.share, pia=nothing, pie=rule) for rule in (fill, nothing))
+    shares = tuple(none if terms is None else to_density for terms in trust.terms)
+    return replace(start, shares=shares, gain={"trusted": trust.gain}, trust=trust)
 
 
 def _as_printed(extended: Sequence[TermSet]) -> Choice:
@@ -127,8 +134,12 @@ def balance_for(
     *,
     rng: np.random.Generator,
     forces: ForceModel | None = None,
+    train: Train | None = None,
 ) -> Balanced:
-    """Rows that balance `real` for the part that takes `path` (its currents are not looked at)."""
+    """Rows that balance `real` for the part that takes `path` (its currents are not looked at).
+
+    train : the model, where the adaptation has learned how far the equation is trusted beside it
+    """
     if not len(real):
         raise FitError("there are no real samples yet: the method balances what has been recorded, add a part first.")
     adaptation = adaptation or Adaptation(PAPER_CHOICE, None, (method.share,) * 4, {}, len(real))
@@ -137,7 +148,41 @@ def balance_for(
         real, _equation_bins(path, method), machine, adaptation.choice,
         grid=method.equation_grid, coverage=method.grid, blend=method.adaptive,
     )  # fmt: skip
+    if adaptation.trust is not None and train is not None:
+        return _trusted(path, real, machine, equations, method, adaptation.trust, train, rng)
     return _balanced(path, real, equations, method, adaptation, rng, forces)
+
+
+def _trusted(
+    path: Samples, real: Samples, machine: Machine, equations: AxisEquations, method: Method, trust: Trust,
+    train: Train, rng: np.random.Generator,
+) -> Balanced:  # fmt: skip
+    """Rows of the coming path itself, up to the target density per bin, with currents as far as the equation is
+    trusted there. Where it is not, the model learns nothing new."""
+    needed, voxel = relevant_bins(path.reduced, method.grid), method.grid.ids(path.reduced)
+    rows = path.take(pick(path, voxel, method.share.density, rng)) if trust.any else path.take(slice(0, 0))
+    n = len(rows)
+    rows = replace(
+        rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64), origin=np.full(n, PIE, np.int64),
+        voxel=method.grid.ids(rows.reduced), expected_error=np.zeros((n, 4)),
+    )  # fmt: skip
+    verdict = np.full((n, 4), PASSED)
+    if n:
+        said, error, where = currents(rows, real, machine, trust, train, method.omega_data)
+        most = np.array([machine.current_max_a.get(axis, np.inf) for axis in AXES])
+        verdict[np.isnan(said)] = WORSE_THAN_MODEL
+        verdict[where == len(LEVELS)] = NO_SUPPORT
+        verdict[np.abs(said) > most] = BEYOND_DRIVE
+        passed = verdict == PASSED
+        rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))
+    generated = rows.take((verdict == PASSED).any(axis=1))
+    asked = np.bincount(locate(needed, rows.voxel)[1], minlength=len(needed)) if n else np.zeros_like(needed)
+    none = np.zeros_like(needed)
+    refused = np.stack([(verdict == reason).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
+    n_real = occupancy(real.reduced, method.grid).count_in(needed)
+    report = Report(needed, n_real, none, asked, none, occupancy_of(generated, PIE, needed), refused)
+    log.info("%s", report.summary())
+    return Balanced(generated, np.full((len(generated), 4), method.omega_generated), report, equations)
 
 
 def _balanced(
@@ -179,52 +224,3 @@ def _joined(reports: list[Report]) -> Report:
         name: np.max([getattr(r, name) for r in reports], axis=0) for name in ("asked_pia", "asked_pie", "pia", "pie")
     }
     return replace(reports[0], refused=np.sum([r.refused for r in reports], axis=0), **most)
-
-
-def _proven(
-    real: Samples, machine: Machine, method: Method, start: Adaptation, train: Train, rng: np.random.Generator
-) -> Adaptation:
-    """Play the arrival of a part with rows at hand: leave a stretch or direction out, balance for it, see who wins."""
-    rules = {"as set": method.share, "generous": replace(method.share, pie=generous_pie)}
-    # parts that go where others have been, and parts (or stretches) that may not: every play costs a model per rule
-    plays = [(interleaved(real), k) for k in range(3)] + [(folds(real, 3), k) for k in range(3)]
-    change: dict[str, list[np.ndarray]] = {name: [] for name in rules}
-    for fold, k in plays:
-        out = fold == k
-        if out.sum() < 20 or (~out).sum() < 20:
-            continue
-        rest, left = real.take(~out), real.take(out)
-        path = replace(left, currents=np.full((len(left), 4), np.nan))
-        bins = _equation_bins(path, method)
-        equations = fit_chosen(
-            rest, bins, machine, start.choice, grid=method.equation_grid, coverage=method.grid, blend=True
-        )
-        plain = _rmse(left, train(rest, np.full((len(rest), 4), method.omega_data))(left))
-        for name, rule in rules.items():
-            extra = _balanced(path, rest, equations, method, replace(start, shares=(rule,) * 4), rng)
-            weights = np.vstack([np.full((len(rest), 4), method.omega_data), extra.weights])
-            better = _rmse(left, train(Samples.concat([rest, extra.generated]), weights)(left))
-            with np.errstate(invalid="ignore", divide="ignore"):
-                change[name].append(better / plain - 1.0)
-    shares, none = [], replace(method.share, pia=nothing, pie=nothing)
-    table = {name: np.array(values).reshape(-1, 4) for name, values in change.items()}
-    for i, axis in enumerate(AXES):
-        best, rule = 0.0, none
-        for name, values in table.items():
-            own = values[np.isfinite(values[:, i]), i]
-            if len(own) < 3:
-                continue
-            # what helps on the whole and hurts much in no play; doing nothing is the plainest rule
-            if own.mean() < min(best, -0.01) and own.max() <= 0.05:
-                best, rule = float(own.mean()), rules[name]
-        shares.append(rule)
-        log.info("%s: generated rows %s (%+.1f %% held-out RMSE)", axis, "none" if rule is none else "used", 100 * best)
-    gain = {name: tuple(np.nan_to_num(values.mean(axis=0)).tolist()) for name, values in table.items() if len(values)}
-    return replace(start, shares=tuple(shares), gain=gain)
-
-
-def _rmse(samples: Samples, predicted: Float2D) -> np.ndarray:
-    square = (samples.currents - predicted) ** 2
-    known = np.isfinite(square)
-    number = known.sum(axis=0)
-    return np.where(number > 0, np.sqrt(np.where(known, square, 0.0).sum(axis=0) / np.maximum(number, 1)), np.nan)

@@ -13,13 +13,14 @@ from pido.equations.choose import PAPER_CHOICE, fit_chosen
 from pido.feature_space.density import balance, occupancy, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, touched
 from pido.feature_space.regional import HeldOut, folds, sectors
-from pido.models.axis_models import AxisModels, held_out_errors, quick_trainer
+from pido.models.axis_models import AxisModels, quick_trainer
 from pido.sampling.gate import NO_SUPPORT, OPEN, PASSED, WORSE_THAN_MODEL, Gate
 from pido.sampling.inputs import ChipScaling, draw_inputs
 from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.method import adapt, balance_for
 from pido.sampling.optimise import optimise
 from pido.sampling.shares import ShareRule, fill, nothing, paper_pia, paper_pie
+from pido.sampling.trust import learn
 
 MILL = machine("smart_mill")
 V_X, V_Y, MRR = (INPUTS.index(n) for n in ("v_x", "v_y", "mrr_sim"))
@@ -236,10 +237,9 @@ def test_the_adaptive_method_leaves_noise_alone():
     real = milling(800)
     noise = replace(real, currents=rng.normal(size=real.currents.shape))
     method = MethodSettings().build()
-    found = adapt(
-        noise, MILL, method, train=quick_trainer(), model_error=held_out_errors(noise), rng=np.random.default_rng(1)
-    )
-    made = balance_for(milling(300, 4), noise, MILL, method, found, rng=np.random.default_rng(2))
+    found = adapt(noise, MILL, method, train=quick_trainer())
+    rng = np.random.default_rng(2)
+    made = balance_for(milling(300, 4), noise, MILL, method, found, rng=rng, train=quick_trainer())
     alone = AxisModels.fit(noise).predict(real)
     weights = np.vstack([np.ones((len(noise), 4)), made.weights])
     helped = AxisModels.fit(Samples.concat([noise, made.generated]), weights).predict(real)
@@ -250,10 +250,8 @@ def test_the_adaptive_method_does_no_harm_where_samples_are_few():
     real = milling(160)
     truth = milling(1500, 9)
     method = MethodSettings().build()
-    found = adapt(
-        real, MILL, method, train=quick_trainer(), model_error=held_out_errors(real), rng=np.random.default_rng(1)
-    )
-    made = balance_for(truth, real, MILL, method, found, rng=np.random.default_rng(2))
+    found = adapt(real, MILL, method, train=quick_trainer(), choice=PAPER_CHOICE)
+    made = balance_for(truth, real, MILL, method, found, rng=np.random.default_rng(2), train=quick_trainer())
     weights = np.vstack([np.ones((len(real), 4)), made.weights])
 
     def rmse(models):
@@ -261,6 +259,46 @@ def test_the_adaptive_method_does_no_harm_where_samples_are_few():
 
     alone, helped = rmse(AxisModels.fit(real)), rmse(AxisModels.fit(Samples.concat([real, made.generated]), weights))
     assert (helped <= 1.03 * alone).all()
+
+
+def test_rows_of_a_coming_part_help_where_few_samples_show_what_friction_and_load_do():
+    method = MethodSettings().build()
+    real, truth = (
+        replace(
+            part, currents=part.currents + 0.3 * part.inputs[:, [0, 1, 0, 1]]
+        )  # a viscous drag that trees step through
+        for part in (milling(160), milling(1500, 9))
+    )
+    found = adapt(real, MILL, method, train=quick_trainer(), choice=PAPER_CHOICE)
+    path = replace(truth, currents=np.full_like(truth.currents, np.nan))
+    made = balance_for(path, real, MILL, method, found, rng=np.random.default_rng(2), train=quick_trainer())
+    rows, report = made.generated, made.report
+    assert len(rows)
+    assert (rows.origin == PIE).all()
+    assert (occupancy(rows.reduced, SAMPLING_GRID).count <= method.share.density).all()
+    known = np.isfinite(rows.currents)
+    assert (rows.expected_error[known] > 0).all()
+    assert report.pie.sum() == len(rows)
+    weights = np.vstack([np.ones((len(real), 4)), made.weights])
+    alone = AxisModels.fit(real).predict(truth) - truth.currents
+    helped = AxisModels.fit(Samples.concat([real, rows]), weights).predict(truth) - truth.currents
+    better = np.sqrt(np.mean(helped**2, axis=0) / np.mean(alone**2, axis=0))
+    assert better.min() < 0.9
+    assert better.max() < 1.03
+
+
+def test_trust_depends_on_the_set_of_parts_and_not_on_their_order():
+    a, b = milling(300, 1, "a"), milling(300, 2, "b")
+    one, two = (learn(Samples.concat(parts), MILL, quick_trainer()) for parts in ([a, b], [b, a]))
+    np.testing.assert_array_equal(one.share, two.share)
+    assert one.terms == two.terms
+
+
+def test_an_equation_that_is_wrong_in_every_play_is_not_followed():
+    real = milling(800)
+    bent = replace(real, currents=np.sin(3 * real.inputs[:, [0, 1, 0, 1]]))  # no equation has such a term
+    found = learn(bent, MILL, quick_trainer(trees=30))
+    assert (found.share <= 0.25).all()
 
 
 def test_a_plan_is_needed_where_rows_of_it_are_asked_for():

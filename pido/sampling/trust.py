@@ -1,0 +1,195 @@
+"""How far the equation's word is followed, and where: learned by playing the arrival of parts with rows at hand.
+
+In:  real samples, term sets from plain to rich, a way to train a model.
+Out: `Trust`: per axis an equation, and per region a share between 0 (the model's own word stands) and 1 (the equation's).
+
+A region is how much further a row is out than the samples: its leverage over what nearly all of them keep, in that of
+the equations that has most. Rows are left
+out of model and equations in three ways, since what is missing decides who is better:
+  stretch  whole parts, or stretches of a part: a part that is like others
+  forward  all that came after a third, a half, two thirds: a part that is not
+  random   a quarter of the rows: a part that repeats what has been made
+In a play, currents t + w (e - t) between model t and equation e have the least square error at
+    w = sum (y - t)(e - t) / sum (e - t)²
+A region's share is the mean over the plays of one kind less its standard error, the smallest of the three kinds, and of
+that the half: three quarters of what there is to gain, for a quarter of what there is to lose. It stands only if shares
+that were learned without a play would have helped it, on the geometric mean of all plays.
+
+Measured on a real air cut and on virtual impellers: comparing errors on stretches alone took 20 to 50 % off models that
+later met paths they knew; leverage up to ten times the samples' own is where equations gain most.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D, Int2D
+from pido.core.axes import AXES
+from pido.core.machining import Machine
+from pido.core.samples import Samples
+from pido.equations.fit import GlobalEquation, fit_global
+from pido.equations.terms import FRICTION, HELD, HELD_SMALL, TermSet
+from pido.feature_space.regional import folds
+
+log = logging.getLogger(__name__)
+
+Train = Callable[[Samples, Float2D], Callable[[Samples], Float2D]]
+"""Samples and weights (n, 4) to a predictor of currents (n, 4): any model."""
+
+SHIPPED = (HELD_SMALL, HELD, FRICTION)
+LEVELS = (1.0, 3.0, 10.0, 100.0)
+"""Leverage over that of 95 % of the samples, where a region ends and the next begins; beyond the last: no trust."""
+_QUANTILE = 0.95
+_CAUTION = 0.5
+_GAIN = 0.98  # of the held-out error: less is not worth the rows
+_ROWS = 8  # of a play in a region, to have a say there
+_LEAST = 0.1  # a smaller share is none
+
+
+@dataclass(frozen=True, eq=False)
+class Trust:
+    """terms : per axis what the equation is made of; None: no generated row helps this axis
+    share : (4, regions), 0 to 1; error : (4, regions), A – of such currents on rows left out; infinite: unknown
+    gain : per axis relative change of held-out error, geometric mean over plays; negative is better
+    tried : all equations there were; a row's region is told from all of them
+    """
+
+    terms: tuple[TermSet | None, ...]
+    share: Float2D
+    error: Float2D
+    gain: tuple[float, ...]
+    tried: tuple[TermSet, ...]
+
+    @property
+    def any(self) -> bool:
+        """Whether any axis has use for generated rows."""
+        return any(terms is not None for terms in self.terms)
+
+
+def learn(
+    real: Samples, machine: Machine, train: Train, extended: Sequence[TermSet] = (), *, omega: float = 1.0
+) -> Trust:
+    """Play arrivals and see, per axis, which equation helps where.
+
+    extended : term sets with accepted physics, tried beside the shipped ones
+    """
+    real = real.take(np.lexsort((real.row, real.part.astype(str))))  # the order of arrival must not matter
+    tried = (*SHIPPED, *extended)
+    plays = list(_plays(real))
+    p, regions = len(plays), len(LEVELS) + 1
+    none = Trust((None,) * 4, np.zeros((4, regions)), np.full((4, regions), np.inf), (0.0,) * 4, tried)
+    if p < 4:
+        return none
+    kind = np.array([name for name, _ in plays])
+    # per play, axis, region, and (but for the first two) equation
+    count, base = np.zeros((p, 4, regions)), np.zeros((p, 4, regions))
+    along, square = np.zeros((len(tried), p, 4, regions)), np.zeros((len(tried), p, 4, regions))
+    for k, (_, out) in enumerate(plays):
+        rest, left = real.take(~out), real.take(out)
+        model = train(rest, np.full((len(rest), 4), omega))(left)
+        equations = [fit_global(rest, machine, terms) for terms in tried]
+        where = region(left, rest, equations)
+        known = np.isfinite(left.currents) & np.isfinite(model)
+        miss = np.where(known, left.currents - model, 0.0)
+        base[k], count[k] = _sums(miss**2, where), _sums(known.astype(float), where)
+        for c, equation in enumerate(equations):
+            away = np.where(known, equation.predict(left) - model, 0.0)
+            along[c, k], square[c, k] = _sums(miss * away, where), _sums(away**2, where)
+    chosen: list[TermSet | None] = [None] * 4
+    share, error, gain = none.share.copy(), none.error.copy(), [0.0] * 4
+    for i, axis in enumerate(AXES):
+        for c, terms in enumerate(tried):
+            sums = along[c, :, i], square[c, :, i], count[:, i]
+            ratio = _ratios(base[:, i].sum(axis=1), *sums, kind)
+            if ratio - 1.0 < min(gain[i], _GAIN - 1.0):
+                own = _shares(*sums, kind, np.ones((1, p), bool))[0]
+                chosen[i], share[i], gain[i] = terms, own, ratio - 1.0
+                left_over = (base[:, i] - 2 * own * sums[0] + own**2 * sums[1]).sum(axis=0)
+                number = count[:, i].sum(axis=0)
+                error[i] = np.where(number > 0, np.sqrt(np.maximum(left_over, 0) / np.maximum(number, 1)), np.inf)
+        name = "none" if chosen[i] is None else f"equation '{chosen[i].id}' to {share[i].round(2).tolist()}"
+        log.info("%s: generated rows: %s (%+.1f %% held-out RMSE)", axis, name, 100 * gain[i])
+    return Trust(tuple(chosen), share, error, tuple(gain), tried)
+
+
+def region(rows: Samples, real: Samples, equations: Sequence[GlobalEquation]) -> Int2D:
+    """(n, 4): index into the regions of each row and axis; `equations` are fitted on `real`. A column that few samples
+    move has little say in an equation without it, and a lot in one with it: the largest leverage counts."""
+    out = np.zeros((len(rows), 4))
+    for one in equations:
+        limit = np.quantile(one.leverage(real), _QUANTILE, axis=0)
+        out = np.maximum(out, one.leverage(rows) / np.maximum(limit, 1e-300))
+    return np.digitize(out, LEVELS)
+
+
+def currents(
+    rows: Samples, real: Samples, machine: Machine, trust: Trust, train: Train, omega: float = 1.0
+) -> tuple[Float2D, Float2D, Int2D]:
+    """Currents t + w (e - t) of the rows, their expected errors, and their regions: (n, 4) each; NaN where w is 0."""
+    model = train(real, np.full((len(real), 4), omega))(rows)
+    equations = {terms.id: fit_global(real, machine, terms) for terms in trust.tried}
+    where = region(rows, real, list(equations.values()))
+    axis = np.arange(4)
+    share, error = trust.share[axis, where], trust.error[axis, where]
+    said = model.copy()
+    for i, terms in enumerate(trust.terms):
+        if terms is not None:
+            said[:, i] += share[:, i] * (equations[terms.id].predict(rows)[:, i] - model[:, i])
+    silent = (share == 0) | ~np.isfinite(said)
+    return np.where(silent, np.nan, said), np.where(silent, np.nan, error), where
+
+
+def _plays(real: Samples) -> Iterator[tuple[str, Bool1D]]:
+    """Kind of each play and the rows left out; none where too few rows would be left on either side."""
+    n = len(real)
+    fold, order = folds(real, 6), np.arange(n)
+    quarter = np.random.default_rng(0).permutation(n) % 4
+    plays = [("stretch", fold == k) for k in np.unique(fold)]
+    plays += [("forward", order >= share * n) for share in (1 / 3, 1 / 2, 2 / 3)]
+    plays += [("random", quarter == k) for k in (0, 1)]
+    return ((kind, out) for kind, out in plays if out.sum() >= 20 and (~out).sum() >= 20)
+
+
+def _sums(values: Float2D, where: Int2D) -> Float2D:
+    """(4, regions): sums of (n, 4) values by region."""
+    size = len(LEVELS) + 1
+    return np.stack([np.bincount(where[:, i], values[:, i], size) for i in range(4)])
+
+
+def _shares(along: Float2D, square: Float2D, count: Float2D, kind: np.ndarray, keep: np.ndarray) -> Float2D:
+    """(l, regions): shares from the plays (l, p) in `keep`; the sums are (p, regions)."""
+    heard = (count >= _ROWS) & (square > 1e-20)
+    best = np.where(heard, np.clip(along / np.where(heard, square, 1.0), -1.0, 1.5), 0.0)
+    say = np.where(heard, np.sqrt(square / np.maximum(count, 1.0)), 0.0)
+    use = (keep[:, None] & (kind == np.unique(kind)[:, None])[None]).astype(float)
+    total, own = use @ say, use @ say**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean, effective = use @ (say * best) / total, total**2 / own
+        spread = np.maximum(use @ (say * best**2) / total - mean**2, 0.0)
+        low = mean - np.sqrt(spread / (effective - 1.0))
+    low = np.where((use @ heard.astype(float) >= 2) & (effective > 1.3), low, np.inf).min(axis=1)
+    share: Float2D = np.where(np.isfinite(low), _CAUTION * np.clip(low, 0.0, 1.0), 0.0)
+    share[:, -1] = 0.0
+    return np.where(share < _LEAST * _CAUTION, 0.0, share)
+
+
+def _ratios(base: Float1D, along: Float2D, square: Float2D, count: Float2D, kind: np.ndarray) -> float:
+    """Geometric mean of held-out RMSE with shares over that of the model, each play under the shares of the others."""
+    share = _shares(along, square, count, kind, ~np.eye(len(kind), dtype=bool))
+    after = base - 2 * (share * along).sum(axis=1) + (share**2 * square).sum(axis=1)
+    told = base > 1e-20
+    if not told.any():
+        return 1.0
+    return float(np.exp(0.5 * np.mean(np.log(np.maximum(after[told] / base[told], 1e-6)))))
+
+
+def pick(path: Samples, voxel: Int1D, most: float, rng: np.random.Generator) -> Int1D:
+    """Rows of the path, at most `most` from each bin, in their order."""
+    order = np.lexsort((rng.random(len(path)), voxel))
+    _, first, count = np.unique(voxel[order], return_index=True, return_counts=True)
+    place = np.arange(len(order)) - np.repeat(first, count)
+    return np.sort(order[place < most])
