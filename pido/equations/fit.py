@@ -66,10 +66,18 @@ class GlobalEquation:
 
     def leverage(self, samples: Samples) -> Float2D:
         """(n, 4): x' (sum x x')^-1 x of each row and axis."""
-        design, at = self.terms.design(samples, self.machine), np.zeros(len(samples), np.int64)
-        return np.column_stack(
-            [_quadratic(design, self.factor[i][None], at) / max(self.effective[i], 1.0) for i in range(4)]
-        )
+        return self.leverage_of(self.terms.design(samples, self.machine))
+
+    def leverage_of(self, design: Float2D) -> Float2D:
+        """(n, 4): the same of rows of the design matrix. Axes that share their samples share their leverage."""
+        at, out = np.zeros(len(design), np.int64), np.empty((len(design), 4))
+        for axis in range(4):
+            same = next((k for k in range(axis) if np.array_equal(self.factor[k], self.factor[axis])), axis)
+            if same == axis:
+                out[:, axis] = _quadratic(design, self.factor[axis][None], at)
+            else:
+                out[:, axis] = out[:, same]
+        return out / np.maximum(self.effective, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +127,16 @@ class LocalEquations:
             rows = slice(start, start + len(part))
             design = self.terms.design(part, self.machine)
             known, at = locate(self.bins, self.grid.ids(part.reduced))
-            common = design @ self.overall.coefficients.T
+            common, everywhere = design @ self.overall.coefficients.T, np.full((len(part), 4), np.nan)
+            fitted = np.isfinite(self.overall.coefficients).all(axis=1)
+            # the global equation's leverage counts where it speaks: outside the bins, or blended with one
+            needed = np.ones(len(part), bool) if self.blend or not fitted.all() else ~known
+            everywhere[needed] = self.overall.leverage_of(np.ascontiguousarray(design[needed]))
+            here, b = np.ascontiguousarray(design[known]), at[known]
             for axis in range(4):
-                h_all = _quadratic(design, self.overall.factor[axis][None], np.zeros(len(part), np.int64))
-                h_all /= max(self.overall.effective[axis], 1.0)
-                out, lev = common[:, axis].copy(), h_all.copy()
-                err = np.sqrt(h_all) * self.overall.noise[axis]
-                if known.any() and np.isfinite(self.overall.coefficients[axis]).all():
-                    here, b = np.ascontiguousarray(design[known]), at[known]
+                out, lev = common[:, axis].copy(), everywhere[:, axis].copy()
+                err = np.sqrt(lev) * self.overall.noise[axis]
+                if known.any() and fitted[axis]:
                     own = _dot(here, self.coefficients[axis], b)
                     h = _quadratic(here, self._factor[axis], b) / self.effective[axis][b]
                     variance = h * self.noise[axis][b] ** 2
@@ -134,7 +144,10 @@ class LocalEquations:
                     if self.blend:
                         trust = self.locality[axis] / np.maximum(self.locality[axis] + variance, 1e-300)
                     out[known] = trust * own + (1 - trust) * out[known]
-                    err[known] = np.sqrt(trust**2 * variance + (1 - trust) ** 2 * err[known] ** 2)
+                    if self.blend:
+                        err[known] = np.sqrt(trust**2 * variance + (1 - trust) ** 2 * err[known] ** 2)
+                    else:
+                        err[known] = np.sqrt(variance)
                     lev[known] = h
                 current[rows, axis], error[rows, axis], leverage[rows, axis] = out, err, lev
         return current, error, leverage
@@ -370,7 +383,7 @@ def _quadratic(design: Float2D, factor: Float3D, at: Int1D) -> Float1D:
     return out
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "reassoc"})
 def _squares(design: Float2D, factor: Float3D, at: Int1D, out: Float1D) -> None:
     p = design.shape[1]
     for r in range(len(design)):
