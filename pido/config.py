@@ -208,9 +208,14 @@ class MachineConfig(_Settings):
 
 
 class MethodSettings(_Settings):
-    """How samples are generated and models trained. `MethodSettings()` adapts, `paper()` is as printed."""
+    """How samples are generated and models trained. `MethodSettings()` adapts, `paper()` is as printed.
 
-    adaptive: bool = Field(default=True, description="terms, weights and shares per axis from held-out rows")
+    With `adaptive` and `compare_with_model`, arrivals of parts are played and rows are taken from the coming path up to
+    `density` per bin (`pido.sampling.trust`); share rules, leverage_quantile, margin, nuisance and weigh_by_certainty
+    are for the other cases.
+    """
+
+    adaptive: bool = Field(default=True, description="terms, weights and trust per axis from held-out rows")
     bin_width: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(
         default=(2.0, 2.0, 2.0), description="bins that are balanced: mm/s, mm/s, mm²"
     )

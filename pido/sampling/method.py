@@ -99,7 +99,8 @@ def adapt(
 ) -> Adaptation:
     """Choose equations, and how far they are trusted, from held-out rows.
 
-    train : a quick form of the model; without it the share rule of `method` stands for all axes, unproven
+    train : a quick form of the model; without it, or with a gate that does not compare with the model, the share rule
+        of `method` stands for all axes, unproven
     model_error : held-out errors of the model for the gate, where there is no `train`
     extended : term sets with accepted physics
     choice : equations chosen before, or by hand; generated rows do not depend on them where there is `train`
@@ -109,7 +110,7 @@ def adapt(
     if choice is None:
         choice = choose(real, machine, candidates(*extended), grid=method.equation_grid, coverage=method.grid)
     start = Adaptation(choice, model_error, (method.share,) * 4, {}, len(real))
-    if train is None:
+    if train is None or not method.gate.compare:
         return start
     trust = learn(real, machine, train, extended, omega=method.omega_data)
     to_density, none = (replace(method.share, pia=nothing, pie=rule) for rule in (fill, nothing))

@@ -10,17 +10,19 @@ from pido.core.columns import INPUTS
 from pido.core.errors import FitError
 from pido.core.samples import PIA, PIE, Samples
 from pido.equations.choose import PAPER_CHOICE, fit_chosen
+from pido.equations.terms import FRICTION, HELD
 from pido.feature_space.density import balance, occupancy, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, touched
 from pido.feature_space.regional import HeldOut, folds, sectors
+from pido.files.equations import dump, load
 from pido.models.axis_models import AxisModels, quick_trainer
 from pido.sampling.gate import NO_SUPPORT, OPEN, PASSED, WORSE_THAN_MODEL, Gate
 from pido.sampling.inputs import ChipScaling, draw_inputs
 from pido.sampling.loss import certainty_weights, loss_weights
-from pido.sampling.method import adapt, balance_for
+from pido.sampling.method import Adaptation, adapt, balance_for
 from pido.sampling.optimise import optimise
 from pido.sampling.shares import ShareRule, fill, nothing, paper_pia, paper_pie
-from pido.sampling.trust import learn
+from pido.sampling.trust import Trust, learn
 
 MILL = machine("smart_mill")
 V_X, V_Y, MRR = (INPUTS.index(n) for n in ("v_x", "v_y", "mrr_sim"))
@@ -315,3 +317,13 @@ def test_printed_settings_build_the_printed_method():
     assert method.gate == OPEN or (method.gate.quantile is None and not method.gate.compare)
     assert (method.nuisance, method.adaptive, method.share.density) == ("paper", False, 40.0)
     assert MethodSettings().build().adaptive
+
+
+def test_what_was_learned_about_trust_survives_being_a_file():
+    share = np.linspace(0, 1, 20).reshape(4, 5)
+    trust = Trust((HELD, None, FRICTION, HELD), share, share + np.inf, (-0.1, 0.0, -0.2, 0.0), (HELD, FRICTION))
+    kept = Adaptation(PAPER_CHOICE, None, (ShareRule(),) * 4, {"trusted": trust.gain}, 7, trust)
+    back = load(dump(kept), MILL).trust
+    assert (back.terms, back.gain, back.tried) == (trust.terms, trust.gain, trust.tried)
+    np.testing.assert_array_equal(back.share, trust.share)
+    np.testing.assert_array_equal(back.error, trust.error)
