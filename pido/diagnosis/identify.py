@@ -37,7 +37,7 @@ from pido.diagnosis.select import (
     swap,
 )
 from pido.diagnosis.terms import Term, fit
-from pido.diagnosis.unknown import flexible_rest
+from pido.diagnosis.unknown import LEVEL, flexible_rest
 from pido.diagnosis.whiten import Noise, estimate_noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
@@ -247,6 +247,9 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term], regions: b
         shortlist = [
             s for s in shortlist_of(library.screen(current), taken)[:8] if s.term.mechanism.kind != "data_fault"
         ]
+        if "unknown" not in taken:
+            # Within a box even a constant is something that no mechanism of the catalogue says.
+            shortlist.append(Score(Term(LEVEL), 0.0, current.bic, np.zeros(1)))
         confined = best_region(library, current, shortlist)
         if confined is not None and (best is None or confined.bic < best.bic - CLEARLY):
             best = confined

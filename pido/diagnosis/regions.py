@@ -17,6 +17,7 @@ from pido.diagnosis.terms import Gate, gate_variable
 
 VARIABLES = ("v_x", "v_y", "AR")
 _THRESHOLDS = 9  # quantiles that are tried per variable; the best is refined
+_FEW_LIMITS = 3  # of a first box; only the best is given more
 _LEAST_SHARE = 0.02  # of the rows must lie on either side of a limit
 CLEARLY = 15.0  # BIC by which a box must beat the best mechanism that acts everywhere
 
@@ -26,30 +27,31 @@ def best_region(library: Library, current: Basis, shortlist: Sequence[Score]) ->
     variables = {v: values for v in VARIABLES if (values := _values(library, v)) is not None}
     best: Score | None = None
     for score in shortlist:
-        found = _grow(library, current, score, variables)
+        found = _grow(library, current, score, variables, _FEW_LIMITS)
         if found is not None and (best is None or found.bic < best.bic):
             best = found
-    return best
+    return None if best is None else _grow(library, current, best, variables, 2 * len(variables))
 
 
-def _grow(library: Library, current: Basis, score: Score, variables: dict[str, Float1D]) -> Score | None:
+def _grow(library: Library, current: Basis, score: Score, variables: dict[str, Float1D], most: int) -> Score | None:
     """Limits added one by one while each is worth it."""
-    best, taken = score, set()
-    for _ in range(3):
-        step = _one_limit(library, current, best, {v: x for v, x in variables.items() if v not in taken})
+    best = score
+    while len(best.term.gates) < most:
+        step = _one_limit(library, current, best, variables)
         if step is None or step.bic > best.bic - CLEARLY / 2:
             break
-        taken |= {g.variable for g in step.term.gates}
         best = _sharpen(library, current, step, variables)
     return best if best.term.gates else None
 
 
 def _one_limit(library: Library, current: Basis, score: Score, variables: dict[str, Float1D]) -> Score | None:
     best = None
+    sides = {(g.variable, bool(np.isfinite(g.low))) for g in score.term.gates}
     for variable, values in variables.items():
         for threshold in _grid(values):
             for gate in (Gate(variable, low=threshold), Gate(variable, high=threshold)):
-                best = _better(best, library, current, score, (*score.term.gates, gate))
+                if (variable, bool(np.isfinite(gate.low))) not in sides:
+                    best = _better(best, library, current, score, (*score.term.gates, gate))
     return best
 
 

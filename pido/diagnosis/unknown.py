@@ -184,7 +184,7 @@ def coarse(mismatch: Mismatch, residual: Float1D, noise: Noise, most: int = _MOS
 
 @dataclass(frozen=True)
 class Formula(Mechanism):
-    """A product of one or two recorded quantities: dI = k * p(u) * q(w), k in A per their units."""
+    """A product of recorded quantities, mostly one or two: dI = k * p(u) * q(w), k in A per their units; of none: k."""
 
     factors: tuple[tuple[str, str], ...]  # (signal, form)
     unit: str
@@ -196,17 +196,19 @@ class Formula(Mechanism):
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        return "dI = k * " + " * ".join(_written(s, f) for s, f in self.factors)
+        return " * ".join(["dI = k", *(_written(s, f) for s, f in self.factors)])
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         return (Parameter("k", f"A/({self.unit})" if self.unit != "–" else "A"),)
 
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
+        if not self.factors:
+            return "a level of its own", ()
         return f"with {' and '.join(dict.fromkeys(s for s, _ in self.factors))}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        return self.values(signals(state))[:, None]
+        return np.broadcast_to(self.values(signals(state)), len(state.time))[:, None]
 
     def values(self, known: Mapping[str, tuple[Float1D, str]]) -> Float1D:
         """The product itself, (n,)."""
@@ -218,6 +220,10 @@ class Formula(Mechanism):
 
     def applies(self, states: Sequence[AxisState]) -> str | None:
         return None
+
+
+LEVEL = Formula((), "–")
+"""A constant, which is something only where it is confined."""
 
 
 @dataclass(frozen=True)
