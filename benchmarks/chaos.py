@@ -39,6 +39,8 @@ SETTINGS = """compare = false
 adaptive = false
 compare_with_model = false
 """
+NOBODY_THERE = "http://127.0.0.1:9"
+LOG = production.log
 NOBODY = 65534
 """User id of an attempt that may read the workspace but not write to it."""
 
@@ -68,6 +70,10 @@ class Storm:
         self.root, self.folders, self.machine = root, list(folders), machine
         self.rng = random.Random(seed)
         self._numbers = iter(range(10**6))
+        warm = self.workspace()
+        production.log = lambda root: {"logged": 0, "fault": ""}
+        take(warm, self.folders[0])  # here, so that no attempt compiles anything
+        shutil.rmtree(warm.root)
         start = time.monotonic()
         calm = self.workspace()
         for folder in self.folders:
@@ -106,6 +112,42 @@ class Storm:
     def torn(self, count: int) -> Outcome:
         """A batch with a recording in its middle of which only the first bytes came."""
         return self._repeated("half copied, in a batch", count, self._one_torn)
+
+    def replaced(self, count: int) -> Outcome:
+        """A part's folder gets the files of another part while it is read."""
+        return self._repeated("replaced while read", count, self._one_replaced)
+
+    def mlflow_away(self, count: int) -> Outcome:
+        """MLflow's server does not answer; later it does again, and gets what it has missed."""
+        return self._repeated("MLflow away", count, self._one_without_mlflow)
+
+    def heap(self, count: int) -> Outcome:
+        """`count` arrivals at once: the parts again and again under other names, and torn ones among them."""
+        place = self.workspace()
+        inbox = place.inbox
+        torn = 0
+        for number in range(count):
+            folder = self.folders[number % len(self.folders)]
+            copy = inbox / f"{folder.name}-{number:03d}"
+            shutil.copytree(folder, copy)
+            if number % 10 == 9:
+                recording = copy / "recording.parquet"
+                whole = recording.read_bytes()
+                recording.write_bytes(whole[: self.rng.randrange(len(whole))])
+                torn += 1
+
+        def attempt() -> None:
+            arrived = sorted(inbox.iterdir())
+            plain.run(place, arrived, None, silent, from_inbox=True)
+
+        ended(start_process(attempt, self._log()))
+        found = state(place, self.machine)
+        rejected = len({a.name for a in Ledger(place.ledger).rejections()})
+        lost = len(set(self.calm["parts"]) - set(found["parts"])) + torn - rejected + len(list(inbox.iterdir()))
+        same = found == self.calm
+        shutil.rmtree(place.root)
+        doubled = len(found["parts"]) - len(set(found["parts"]))
+        return Outcome(f"{count} arrivals at once", 1, rejected, lost, doubled, same)
 
     def promotions(self, count: int) -> Outcome:
         """kill -9 during approvals and rollbacks, on the versions that the parts brought."""
@@ -204,6 +246,34 @@ class Storm:
         ended(start_process(lambda: plain.run(place, batch, None, silent) and None, self._log()))
         rejected = any(a.name == torn.name for a in Ledger(place.ledger).rejections())
         return 1, int(rejected)
+
+    def _one_replaced(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        arriving = self.root / "arriving" / folder.name
+        shutil.rmtree(arriving, ignore_errors=True)
+        shutil.copytree(folder, arriving)
+        other = self.rng.choice([f for f in self.folders if f != folder])
+        process = start_process(lambda: take(place, arriving), self._log())
+        time.sleep(self.rng.uniform(0, 0.3 * self.seconds))
+        for file in other.iterdir():
+            new = arriving / f".{file.name}"
+            shutil.copy2(file, new)
+            new.replace(arriving / file.name)
+        return 1, int(not ended(process))
+
+    def _one_without_mlflow(self, place: Workspace, folder: Path) -> tuple[int, int]:
+        def attempt(uri: str | None) -> None:
+            os.environ.update(MLFLOW_HTTP_REQUEST_MAX_RETRIES="0", MLFLOW_HTTP_REQUEST_TIMEOUT="1")
+            production.log = LOG
+            if uri:
+                os.environ["MLFLOW_TRACKING_URI"] = uri
+            take(place, folder)
+
+        away = ended(start_process(lambda: attempt(NOBODY_THERE), self._log()))
+        waiting = bool(Ledger(place.ledger).not_logged())
+        back = ended(start_process(lambda: attempt(None), self._log()))
+        if Ledger(place.ledger).not_logged():
+            raise RuntimeError(f"MLflow is back and has not got every iteration:\n{self._log().read_text()[-2000:]}")
+        return 1, int(waiting or not (away and back))
 
     def _log(self) -> Path:
         return self.root / "attempts.log"
@@ -315,7 +385,7 @@ def table(found: Sequence[Outcome]) -> str:
 
 
 @click.command()
-@click.option("--faults", type=click.IntRange(min=7), default=210, show_default=True, help="in all, about")
+@click.option("--faults", type=click.IntRange(min=8), default=216, show_default=True, help="in all, about")
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--rows", type=int, default=400, show_default=True, help="samples per part")
 def main(faults: int, seed: int, rows: int) -> None:
@@ -332,10 +402,11 @@ def main(faults: int, seed: int, rows: int) -> None:
         short = [part.rows(slice(0, rows)) for part in made_up(3)]
         storm = Storm(root, [write_folder(p, root / p.part.part) for p in short], short[0].part.machine, seed)
         click.echo(f"an undisturbed iteration takes {storm.seconds:.2f} s", err=True)
-        share = faults / 7
+        share = faults / 8
         kinds = [
             (storm.killed, 2 * share), (storm.promotions, 2 * share), (storm.disk_full, share),
             (storm.clock, share / 2), (storm.read_only, share / 2), (storm.twice, share / 2), (storm.torn, share / 2),
+            (storm.replaced, share / 2), (storm.mlflow_away, share / 4), (storm.heap, 200),
         ]  # fmt: skip
         found = []
         for cause, count in kinds:

@@ -85,12 +85,12 @@ def prefect_server(home: Path, port: int | None = None, patience_s: float = 300.
     home.mkdir(parents=True, exist_ok=True)
     port = port or free_port()
     api = f"http://127.0.0.1:{port}/api"
-    environment = {**os.environ, **QUIET, "PREFECT_HOME": str(home), "PREFECT_API_URL": api}
+    own = {**os.environ, **QUIET, "PREFECT_HOME": str(home), "PREFECT_API_URL": api}
     log = home / "server.log"
     with log.open("ab") as out:
         process = subprocess.Popen(
             [sys.executable, "-m", "prefect", "server", "start", "--host", "127.0.0.1", "--port", str(port)],
-            env=environment, stdout=out, stderr=subprocess.STDOUT, start_new_session=True, preexec_fn=die_with_parent,
+            env=own, stdout=out, stderr=subprocess.STDOUT, start_new_session=True, preexec_fn=die_with_parent,
         )  # fmt: skip
     try:
         deadline = time.monotonic() + patience_s
@@ -99,14 +99,15 @@ def prefect_server(home: Path, port: int | None = None, patience_s: float = 300.
                 tail = log.read_text(encoding="utf-8", errors="replace")[-2000:]
                 raise ServerError(f"the Prefect server did not start on port {port}. The end of {log}:\n{tail}")
             time.sleep(0.25)
-        with _environment(QUIET | {"PREFECT_HOME": str(home), "PREFECT_API_URL": api}):
+        with environment(QUIET | {"PREFECT_HOME": str(home), "PREFECT_API_URL": api}):
             yield api
     finally:
         stop(process)
 
 
 @contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
+def environment(values: dict[str, str]) -> Iterator[None]:
+    """These variables while the block runs; afterwards what was there before."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

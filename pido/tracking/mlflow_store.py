@@ -32,10 +32,6 @@ def not_installed() -> str:
     return "" if find_spec("mlflow") else "MLflow is not installed: pip install 'pido[servers]'"
 
 
-KIND = "mlflow.experimentKind"
-"""What MLflow's pages show first of an experiment: the runs; without it, an empty overview of language models."""
-
-
 @contextmanager
 def client(workspace: Workspace) -> Iterator[MlflowClient]:
     """A client, with one writer at a time where the store is a SQLite file.
@@ -77,7 +73,7 @@ def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:
         return found.experiment_id
     embedded = workspace.tracking_uri.startswith("sqlite:")
     place = (workspace.root / "mlartifacts" / file_name(machine)).as_uri() if embedded else None
-    return store.create_experiment(name, artifact_location=place, tags={KIND: "custom_model_development"})
+    return store.create_experiment(name, artifact_location=place)
 
 
 def model_names(machine: str) -> dict[str, str]:
