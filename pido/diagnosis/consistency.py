@@ -20,6 +20,7 @@ _FACTOR = 12.0  # robust deviations that two signals never differ by
 _TAIL = 6.0  # times the difference that one sample in ten exceeds
 _EDGE = 2  # steps at either end of a stretch
 _NEGLIGIBLE = 1e-2  # of the largest values of a signal: a smaller contradiction does no harm
+_SHORT = 0.1  # of the largest accelerations: a shorter pulse may be this far from the change of speed
 _REACH = 3  # samples to either side that a filter in the control may delay or blur one signal against another
 _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.05  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
@@ -172,6 +173,8 @@ def _speed_and_acceleration(
     apart = use & ~(_rows(held, len(time)) & (np.abs(off) > _FACTOR * _deviation(off[use])))
     apart = apart if apart.sum() >= _FEWEST else use
     usual = max(_usual(off[apart], rate[apart]), _in_motion(off, apart & (rate != 0)))
+    # Between two samples an acceleration may come and go; only what is large beside all others is a spike.
+    usual = max(usual, _SHORT * float(np.quantile(np.abs(_few(rate[apart])), 0.999)))
     frozen = np.zeros(len(time), bool)
     for i, j in held:
         inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))

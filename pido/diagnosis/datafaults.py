@@ -16,7 +16,7 @@ from pido.core.axes import AXES
 from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import paired_p
-from pido.diagnosis.faults import clipping, input_faults
+from pido.diagnosis.faults import clipping, faulty, input_faults
 from pido.diagnosis.finding import Estimate, Evidence, Finding, HeldOut, Interval, Where
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.timing import Delay, shift_target
@@ -39,6 +39,7 @@ def input_findings(parts: Sequence[Recording]) -> list[Finding]:
         columns = sorted({f[0] for f in faults})
         reasons = sorted({f[4] for f in faults})
         intervals = _merged(faults)
+        errors, gain = _beside(parts, axis)
         where = Where(
             f"{', '.join(columns)} is wrong in {len(intervals)} place(s): {'; '.join(reasons)}; "
             "these rows are set aside",
@@ -53,11 +54,33 @@ def input_findings(parts: Sequence[Recording]) -> list[Finding]:
                 equation=f"{', '.join(columns)} not usable over these intervals",
                 parameters={},
                 where=where,
-                evidence=Evidence(0.0, 0.0, float("inf")),
-                fit=HeldOut(_NOTHING_FITTED, *(float("nan"),) * 4, p_value=0.0),
+                evidence=Evidence(0.0, 0.0, gain),
+                fit=HeldOut(_NOTHING_FITTED, *errors, p_value=0.0),
             )
         )
     return out
+
+
+def _beside(parts: Sequence[Recording], axis: str) -> tuple[tuple[float, float, float, float], float]:
+    """(RMSE and R² of the simulation over all rows, without the faulty ones; 2 log likelihood between the two).
+
+    Where there is no simulated current, of the mean in its place; without a recorded one nothing can be said: zeros.
+    """
+    if any(CURRENT[axis] not in r for r in parts):
+        return (0.0, 0.0, 0.0, 0.0), 0.0
+    curr = np.concatenate([r[CURRENT[axis]] for r in parts])
+    simulated = all(CURRENT_SIM[axis] in r for r in parts)
+    sim = np.concatenate([r[CURRENT_SIM[axis]] for r in parts]) if simulated else np.full(len(curr), np.nanmean(curr))
+    good = np.isfinite(curr) & np.isfinite(sim)
+    right = good & ~np.concatenate([faulty(r, axis) for r in parts])
+    values = []
+    for rows in (good, right):
+        error, total = _rms(curr[rows] - sim[rows]), float(np.var(curr[rows])) if rows.any() else 0.0
+        values.append((error, 1 - error**2 / total if total > 0 else 0.0))
+    (before, r2_before), (after, r2_after) = values
+    if not (before > 0 and after > 0):
+        return (0.0, 0.0, 0.0, 0.0), 0.0
+    return (before, after, r2_before, r2_after), float(right.sum() * 2 * np.log(before / after))
 
 
 Limits = Mapping[str, tuple[float, float]]

@@ -16,6 +16,7 @@ import numpy as np
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.confirm import Whitened, bootstrap, interval, units
 from pido.diagnosis.finding import Estimate
+from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Fit, Term, fit, solve
 from pido.diagnosis.whiten import Noise
@@ -74,7 +75,7 @@ def estimate(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], rng: np.ra
                 continue
             value = dict(term.shape)[p.name]
             if p.name in group:
-                found[p.name] = Estimate(value, p.unit, _around(value, half[slope_at], p.scale == "log"))
+                found[p.name] = Estimate(value, p.unit, _within(p, _around(value, half[slope_at], p.scale == "log")))
                 slope_at += 1
             else:
                 found[p.name] = Estimate(value, p.unit, (value, value))
@@ -156,6 +157,13 @@ def _moved(term: Term, moves: dict[str, float], share: float) -> Term:
             high = np.inf if p.high is None else p.high
             shape[p.name] = float(np.clip(new, low, high))
     return replace(term, shape=tuple(shape.items()))
+
+
+def _within(parameter: Parameter, interval: tuple[float, float]) -> tuple[float, float]:
+    """The interval as far as values are plausible at all; what a search may leave is no bound."""
+    low = -np.inf if parameter.low is None else parameter.low
+    high = np.inf if parameter.high is None else parameter.high
+    return max(interval[0], min(low, interval[1])), min(interval[1], max(high, interval[0]))
 
 
 def _around(value: float, half: float, log: bool) -> tuple[float, float]:
