@@ -25,8 +25,8 @@ MAY_IMPORT = {
     "synthetic": {"core", "physics", "nc", "process", "config"},
 }
 ONLY_HOME = {
-    "prefect": {"flows"},
-    "mlflow": {"pido/tracking"},
+    "prefect": {"flows", "benchmarks/plant"},
+    "mlflow": {"pido/tracking", "benchmarks/plant", "benchmarks/chaos"},
     "sklearn": {"pido/models", "pido/experiments", "pido/diagnosis", "pido/sampling", "pido/equations", "benchmarks"},
 }
 
