@@ -125,7 +125,8 @@ def _delivered(
         told.predicted[name], told.rows[name] = predicted, len(extra)
         told.even[name] = balance(np.vstack([real.reduced, extra.reduced]), needed, method.grid)
 
-    plain = _model(real, nothing, none, test, choice, "extended", seed)
+    models = AxisModels.fit(real, choice=choice, inputs="extended", seed=seed)
+    plain = models.predict(test)
     note("real + direction", plain)
     if "real + direction, other seed" in wanted:
         note("real + direction, other seed", _model(real, nothing, none, test, choice, "extended", seed + 1))
@@ -136,7 +137,7 @@ def _delivered(
     if adapted is not None and "PiDO" in wanted:
         made = balance_for(
             _path(test), real, machine, method, adapted, rng=np.random.default_rng(seed),
-            train=quick_trainer(seed=seed, trees=30),
+            train=lambda rows, weights: models.predict,  # these rows, with weight 1 each: trained above
         )  # fmt: skip
         extra = made.generated
         # no row for any axis: the same model

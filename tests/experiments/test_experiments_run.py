@@ -17,6 +17,7 @@ from pido.experiments.cells import FILES, RANDOM, TIME, cells, reduced
 from pido.experiments.data import Fleet, load_fleet, runs
 from pido.experiments.runner import measure, run_experiment
 from pido.experiments.score import changes
+from pido.experiments.variants import DELIVERED, OTHERS
 from pido.feature_space.density import occupancy
 from pido.feature_space.grid import SAMPLING_GRID
 
@@ -56,6 +57,14 @@ def test_the_table_is_the_same_on_a_dask_cluster(fleet, tmp_path):
     here = run_experiment("importance", fleet, folder=tmp_path / "here", **options).table
     there = run_experiment("importance", fleet, folder=tmp_path / "there", workers=2, cluster="local", **options).table
     pd.testing.assert_frame_equal(here, there, check_exact=True)
+
+
+@pytest.mark.slow
+def test_all_rivals_are_measured_in_the_same_cells(fleet, tmp_path):
+    table = run_experiment("rivals", fleet, folder=tmp_path, repeats=1, quick=True).table
+    assert set(table.variant) == {"real", "PiA+PiE", *DELIVERED, *OTHERS}
+    assert table.groupby("variant").size().nunique() == 1
+    assert np.isfinite(table.rmse).all()
 
 
 def test_a_run_that_was_stopped_continues_with_what_is_left(fleet, tmp_path, monkeypatch):
