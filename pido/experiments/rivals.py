@@ -33,7 +33,7 @@ def summarise(table: pd.DataFrame) -> Outcome:
     mean, result = changes_tested(over_axes(table)), changes_tested(table)
     rows = duel[duel.rival.isin(GENERATING)]
     ahead = rows[(rows.change > 0) & (rows.p_corrected < LEVEL)].rival.tolist()
-    others = duel[~duel.rival.isin([*GENERATING, "real + direction, other seed"])]
+    others = duel[~duel.rival.isin([*GENERATING, "PiA+PiE", "real + direction, other seed"])]
     best = others.loc[others["change"].idxmin()]
     verdict = (
         f"PiDO is ahead of {len(ahead)} of {len(rows)} row-generating rivals beyond chance "
