@@ -4,6 +4,7 @@
     python -m benchmarks --quick              small sizes: whether everything runs, and roughly how fast
     python -m benchmarks fits removal         some of them
     python -m benchmarks --markdown table.md  also as a table for a document
+    python -m benchmarks growth --rows 1e8    a larger store (19 GB of parts in the temporary folder)
 
 Each module beside this one that has `run()` is a benchmark; it may say smaller sizes as `QUICK` (arguments of `run`).
 Every module runs in a process of its own, so that its peak memory is its own and a failure stops nobody else.
@@ -39,18 +40,22 @@ def modules() -> list[str]:
     return sorted(found, key=lambda name: (ORDER.index(name) if name in ORDER else len(ORDER), name))
 
 
-def child(name: str, quick: bool) -> None:
+def child(name: str, quick: bool, most: float | None) -> None:
     """Run one module here; one JSON line per row."""
     module: Any = importlib.import_module(f"benchmarks.{name}")
-    for found in module.run(**(getattr(module, "QUICK", {}) if quick else {})):
+    sizes = getattr(module, "QUICK", {}) if quick else {}
+    if most and hasattr(module, "sized"):
+        sizes = {**sizes, **module.sized(most)}
+    for found in module.run(**sizes):
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         about = {"module": name, "load": round(os.getloadavg()[0], 2), "peak_gib": round(peak, 2)}
         print("ROW " + json.dumps({**found, **about}, default=float), flush=True)
 
 
-def run_one(name: str, quick: bool, before: dict[str, float]) -> list[Row]:
+def run_one(name: str, quick: bool, most: float | None, before: dict[str, float]) -> list[Row]:
     """The rows of one module, printed as they come. Fails with the module's own last words."""
     command = [sys.executable, "-m", "benchmarks", "--child", name, *(["--quick"] if quick else [])]
+    command += ["--rows", str(most)] if most else []
     rows: list[Row] = []
     with subprocess.Popen(
         command, cwd=HERE.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -69,10 +74,13 @@ def run_one(name: str, quick: bool, before: dict[str, float]) -> list[Row]:
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("names", nargs=-1)
 @click.option("--quick", is_flag=True, help="small sizes")
+@click.option("--rows", "most", type=float, help="largest store of the benchmark of growth")
 @click.option("--keep", "kept", type=click.Path(path_type=Path), default=Path("out/bench.json"), show_default=True)
 @click.option("--markdown", "page", type=click.Path(path_type=Path), help="write the table here as well")
 @click.option("--child", "only", hidden=True)
-def main(names: tuple[str, ...], quick: bool, kept: Path, page: Path | None, only: str | None) -> None:
+def main(
+    names: tuple[str, ...], quick: bool, most: float | None, kept: Path, page: Path | None, only: str | None
+) -> None:
     """Speed and accuracy beside named peers.
 
     \b
@@ -80,7 +88,7 @@ def main(names: tuple[str, ...], quick: bool, kept: Path, page: Path | None, onl
     python -m benchmarks fits removal --markdown table.md
     """
     if only:
-        child(only, quick)
+        child(only, quick, most)
         return
     known = modules()
     if strangers := sorted(set(names) - set(known)):
@@ -91,11 +99,16 @@ def main(names: tuple[str, ...], quick: bool, kept: Path, page: Path | None, onl
     click.echo("    ratio  goal              change  work  |  peer  |  error and sizes  |  load")
     for name in names or known:
         try:
-            rows += run_one(name, quick, before)
+            rows += run_one(name, quick, most, before)
         except click.ClickException as fault:
             failed.append(name)
             click.echo(fault.message, err=True)
     keep(kept, about, quick, rows)
+    if any("points" in found for found in rows):
+        from benchmarks import growth
+        from pido.reports.page import write_page
+
+        write_page(growth.page(rows), kept.with_name("growth.html"))
     if page:
         page.write_text(markdown(rows, about), encoding="utf-8")
     if beyond := [found["work"] for found in rows if not found.get("within", True)]:

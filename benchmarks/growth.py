@@ -1,12 +1,15 @@
-"""How time and memory grow with the store, with bins, and with workers: `python -m benchmarks.growth --most 1e8`.
+"""How time and memory grow with the store, with bins, and with workers: `python -m benchmarks growth --rows 1e8`.
 
 In:  nothing; stores of 10^5 rows and more are made in a temporary folder, one Parquet file per part, as production
-     keeps them. Out: rows {work, peer, ratio, goal, error}; of a curve, `ratio` is the exponent of time over size.
+     keeps them. Out: rows {work, peer, ratio, goal, error}; of a curve, `ratio` is the exponent of time over size and
+     `points` the curve itself, which `page` draws.
 
     rows     one iteration on a grown store when a part arrives: its rows beside those kept, equations, generated rows,
              models; and once the pass over all parts that a fresh machine would need. Peak memory of the process.
+             10^8 rows are 19 GB of parts: more than the 4 GiB that it may use.
     bins     local equations from statistics, against bins
-    workers  independent machines of a plant on 1, 2, 4 Dask workers, each its own process
+    workers  independent machines of a plant on 1, 2, 4 Dask workers, each its own process; then a scheduler and two
+             workers that were started by themselves, as on several computers
 
 A store is made once, for its largest size, and used for the smaller ones part by part. Each size runs in a process of
 its own: its peak memory is its own.
@@ -14,6 +17,7 @@ its own: its peak memory is its own.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import resource
@@ -22,12 +26,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from bokeh.plotting import figure
 
 from benchmarks.fits import MACHINE, bins_of, samples
 from benchmarks.table import Row, row
@@ -40,11 +46,12 @@ from pido.feature_space.grid import SAMPLING_GRID, Grid
 from pido.files.samples import load_samples, save_samples
 from pido.iteration import PAPER as PAPER_RECIPE
 from pido.iteration import Recipe, balance, retrain
+from pido.reports.page import COLOURS, Page, Section, Table, number, write_page
 from pido.rows import Rows
 from pido.sampling.method import Adaptation, Method
 from pido.sampling.shares import ShareRule
 
-QUICK = {"sizes": (20_000, 40_000), "per_part": 5_000, "limit": 10_000, "bins": (50, 100), "workers": (1,)}
+QUICK = {"sizes": (20_000, 40_000), "per_part": 5_000, "limit": 10_000, "bins": (50, 100), "workers": (1, 2)}
 MEMORY_GIB = 4.0
 
 
@@ -76,10 +83,10 @@ def run(
 
 
 def _against_rows(folder: Path, sizes: Sequence[int], per_part: int, limit: int) -> Iterator[Row]:
-    for number in range(max(sizes) // per_part + 1):
-        place = folder / f"part-{number:06d}.parquet"
+    for k in range(max(sizes) // per_part + 1):
+        place = folder / f"part-{k:06d}.parquet"
         if not place.exists():
-            save_samples(part_rows(number, per_part), place)
+            save_samples(part_rows(k, per_part), place)
     found = []
     for size in sizes:
         command = [sys.executable, "-m", "benchmarks.growth", "--one", str(folder), str(size // per_part), str(limit)]
@@ -96,10 +103,16 @@ def _against_rows(folder: Path, sizes: Sequence[int], per_part: int, limit: int)
         )
     above = [(s, f) for s, f in zip(sizes, found, strict=True) if s > limit]
     if len(above) > 1:
-        for what, words in (("iteration", "an iteration"), ("all_parts", "reading all parts afresh")):
+        for what, words, goal in (
+            ("iteration", "an iteration", "<= 0.2"),
+            ("all_parts", "reading all parts afresh", "<= 1.1"),
+            ("peak_gib", "peak memory (GiB)", "<= 0.2"),
+        ):
             slope = exponent([s for s, _ in above], [f[what] for _, f in above])
-            goal = "<= 0.2" if what == "iteration" else "<= 1.1"
-            yield row(f"exponent of {words} over rows in the store", "CPU time above the limit", slope, goal, "–")
+            points = [list(sizes), [f[what] for f in found]]
+            yield row(
+                f"exponent of {words} over rows in the store", f"{len(above)} sizes above the limit", slope, goal, "–"
+            ) | {"points": points}
 
 
 def one(folder: Path, parts: int, limit: int) -> dict[str, float]:
@@ -144,7 +157,7 @@ def _against_bins(bins: Sequence[int]) -> Iterator[Row]:
         exponent(bins, seconds),
         "<= 1.1",
         ", ".join(f"{b}: {s:.2f} s" for b, s in zip(bins, seconds, strict=True)),
-    )
+    ) | {"points": [list(bins), seconds]}
 
 
 def machine_of_a_plant(seed: int) -> float:
@@ -158,7 +171,7 @@ def machine_of_a_plant(seed: int) -> float:
 
 
 def _against_workers(workers: Sequence[int]) -> Iterator[Row]:
-    """A scheduler and its workers as processes of their own; eight machines' iterations."""
+    """Eight machines' iterations, on workers beside a scheduler; then all of them started by themselves."""
     from distributed import Client, LocalCluster
 
     first = None
@@ -167,19 +180,86 @@ def _against_workers(workers: Sequence[int]) -> Iterator[Row]:
             LocalCluster(n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
             Client(cluster) as client,
         ):
-            client.gather(client.map(machine_of_a_plant, range(count), pure=False))  # compiled and imported
-            start = time.perf_counter()
-            client.gather(client.map(machine_of_a_plant, range(8), pure=False))
-            seconds = time.perf_counter() - start
+            seconds = _eight_machines(client, count)
         first = first or seconds
-        possible = min(count, os.cpu_count() or 1)
-        yield row(
-            f"8 machines on {count} Dask worker(s)",
-            f"1 worker; {possible} core(s) to share",
-            first / seconds,
-            f">= {0.7 * possible:g}" if count > 1 else "–",
-            f"{seconds:.1f} s",
-        )
+        yield _workers_row(f"8 machines on {count} Dask worker(s)", count, first, seconds)
+    if len(workers) > 1 and first:
+        with _separate_cluster(2) as scheduler, Client(scheduler_file=str(scheduler)) as client:
+            client.wait_for_workers(2, timeout=120)
+            seconds = _eight_machines(client, 2)
+        yield _workers_row("8 machines on a scheduler and 2 workers as their own processes", 2, first, seconds)
+
+
+def _eight_machines(client: Any, workers: int) -> float:
+    client.gather(client.map(machine_of_a_plant, range(workers), pure=False))  # compiled and imported
+    start = time.perf_counter()
+    client.gather(client.map(machine_of_a_plant, range(8), pure=False))
+    return time.perf_counter() - start
+
+
+def _workers_row(work: str, count: int, first: float, seconds: float) -> Row:
+    possible = min(count, os.cpu_count() or 1)
+    goal = f">= {0.7 * possible:g}" if count > 1 else "–"
+    told = row(work, f"1 worker; {possible} core(s) to share", first / seconds, goal, f"{seconds:.1f} s")
+    return told | {"points": [[count], [seconds]]}
+
+
+@contextmanager
+def _separate_cluster(workers: int) -> Iterator[Path]:
+    """A scheduler and workers, each started by its own command; yields the file that says where the scheduler is."""
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        where = Path(folder) / "scheduler.json"
+        dask = [sys.executable, "-m", "dask"]
+        commands = [[*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(where)]]
+        commands += [
+            [*dask, "worker", "--scheduler-file", str(where), "--nthreads", "1", "--no-dashboard",
+             "--local-directory", folder]
+        ] * workers  # fmt: skip
+        for command in commands:
+            process = stack.enter_context(
+                subprocess.Popen(
+                    command, cwd=Path(__file__).parents[1], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                )
+            )
+            stack.callback(process.terminate)
+        yield where
+
+
+def page(rows: Sequence[Row]) -> Page:
+    """The curves that `rows` hold, both axes logarithmic, each with its exponent or ratio."""
+    curves = {"rows in the store": [], "bins": [], "Dask workers": []}
+    for found in rows:
+        if "points" in found:
+            kind = "Dask workers" if "machines" in found["work"] else "bins" if "bins" in found["work"] else None
+            curves[kind or "rows in the store"].append(found)
+    sections = []
+    for kind, members in curves.items():
+        if not members:
+            continue
+        plot = figure(
+            title=f"against {kind}", x_axis_label=kind, y_axis_label="s (GiB for memory)", height=320,
+            sizing_mode="stretch_width", x_axis_type="log", y_axis_type="log",
+        )  # fmt: skip
+        for found, colour in zip(members, itertools.cycle(COLOURS.values())):
+            x, y = found["points"]
+            plot.scatter(x, y, size=8, color=colour, legend_label=found["work"])
+            plot.line(x, y, color=colour, legend_label=found["work"])
+        head = ("curve", "exponent, or gain over one worker", "points")
+        body = [
+            (m["work"], number(m["ratio"]), ", ".join(f"{x:g}: {y:.3g}" for x, y in zip(*m["points"], strict=True)))
+            for m in members
+        ]
+        sections.append(Section(f"Against {kind}", table=Table(head, body), figures=[plot]))
+    steep = [m for m in rows if m["work"].startswith("exponent of an iteration")]
+    verdict = "Time and memory of an iteration beside what it grows with."
+    if steep:
+        verdict = f"An iteration's time grows with the {steep[0]['ratio']:.2f}th power of the rows in the store."
+    return Page("How it grows", verdict, sections)
+
+
+def sized(rows: float) -> dict[str, Any]:
+    """Arguments of `run` for stores of up to `rows` rows."""
+    return {"sizes": [int(10**k) for k in np.arange(5, np.log10(rows) + 1e-9)]}
 
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
@@ -201,13 +281,14 @@ def main(most: float, limit: int, folder: Path | None, single: tuple[str, str, s
     if single:
         click.echo(json.dumps(one(Path(single[0]), int(single[1]), int(single[2]))))
         return
-    sizes = [int(10**k) for k in np.arange(5, np.log10(most) + 1e-9)]
+    sizes = sized(most)["sizes"]
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     found: list[dict[str, Any]] = []
     for line in run(sizes, limit=limit, folder=folder):
         found.append(line)
         click.echo(f"{line['ratio']:>8.3g}  {line['goal']:<8} {line['work']} | {line['peer']} | {line['error']}")
+    write_page(page(found), Path("out/growth.html"))
 
 
 if __name__ == "__main__":
