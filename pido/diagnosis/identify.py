@@ -128,21 +128,30 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), reg
     library.whiten(noise)
     terms = list(start)
     seen: set[tuple[str, ...]] = set()
-    while len(terms) < MOST_TERMS:
+    while True:
         current = basis(library, noise, terms)
-        best = next_named(library, noise, terms, regions)
+        full = len(terms) >= MOST_TERMS
+        best = None if full else next_named(library, noise, terms, regions)
         if best is None or best.bic > current.bic - LEAST_GAIN:
-            # Levels over a dozen intervals can stand for any law: they come when the laws have been asked.
-            best = next_in_time(library, noise, terms)
-        if best is None or best.bic > current.bic - LEAST_GAIN:
-            break
+            # Levels over a dozen intervals can stand for any law: they come when the laws have been asked. But laws
+            # that only a few blocks speak for may have been standing for them.
+            kept = _supported(library, noise, terms)
+            best = next_in_time(library, noise, kept)
+            if best is None or best.bic > current.bic - LEAST_GAIN:
+                return terms
+            terms = kept
         terms = swap(library, noise, [*terms, best.term])
         terms = drop_useless(library, noise, terms)
         names = tuple(sorted(f"{t.name}{t.gates}" for t in terms))
         if names in seen:
-            break
+            return terms
         seen.add(names)
-    return terms
+
+
+def _supported(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """The terms that blocks of rows speak for, each beside all others."""
+    model = whitened(library.mismatch, noise, terms)
+    return [t for i, t in enumerate(terms) if p_value(model, i, library.mismatch.block) < SIGNIFICANT]
 
 
 def by_error(library: Library, terms: Sequence[Term], questions: int) -> list[Term]:
