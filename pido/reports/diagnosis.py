@@ -245,7 +245,7 @@ def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording],
         ("At which speeds", VELOCITY["x"], VELOCITY["y"], "mm/s"),
     ]
     figures = []
-    for title, first, second, unit in planes:
+    for title, first, second, along in planes:
         usable = [p for p in shown if first in by_part[p] and second in by_part[p]]
         if not usable:
             continue
@@ -261,7 +261,7 @@ def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording],
         high = float(np.nanquantile(size, 0.99)) or 1.0
         mapper = LinearColorMapper(palette=list(Cividis256), low=0.0, high=high)
         plot = signal_figure(
-            f"{title}: size of the mismatch on axis {axis}", f"{first}, {unit}", f"{second}, {unit}", 380
+            f"{title}: size of the mismatch on axis {axis}", f"{first}, {along}", f"{second}, {along}", 380
         )
         plot.scatter(
             "x", "y", source={"x": x, "y": y, "size": size}, color={"field": "size", "transform": mapper}, size=4
