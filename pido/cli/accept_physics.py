@@ -6,11 +6,12 @@ from pathlib import Path
 
 import click
 
+from pido.cli.inputs import Input
 from pido.cli.places import by_option, existing, machine_option, one_machine, reason_option, workspace_option
 
 
 @click.command(name="accept-physics")
-@click.argument("diagnosis", required=False, type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.argument("diagnosis", required=False, type=Input(file_okay=False))
 @click.option("--finding", type=click.IntRange(1), help="its number in diagnosis.json, from 1")
 @click.option("--revoke", metavar="ID", help="take an accepted finding out of force")
 @by_option

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
+from pido.cli.inputs import Input
+
 
 @click.command(name="correct")
-@click.argument("diagnosis", type=click.Path(path_type=Path, file_okay=False))
-@click.argument("part", type=click.Path(path_type=Path))
+@click.argument("diagnosis", type=click.Path(path_type=Path))
+@click.argument("part", type=Input())
 @click.option("--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Parquet file to write")
 def command(diagnosis: Path, part: Path, out: Path) -> None:
     """Apply the models of a diagnosis, unchanged, to a part that was not diagnosed.

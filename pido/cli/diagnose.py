@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from pido.cli.inputs import Input
+
 
 def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str | None) -> str | None:
     if pair is not None and not all(pair.partition(":")):
@@ -14,7 +16,7 @@ def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str
 
 
 @click.command(name="diagnose")
-@click.argument("parts", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("parts", nargs=-1, required=True, type=Input())
 @click.option("--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="folder for the result")
 @click.option(
     "--pair",

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from pido.cli.inputs import Input
+
 NAMES = (
     "importance", "weighting", "shares", "local-vs-global", "ablation", "rivals", "extended-equation", "concealed",
     "real-mismatch",
@@ -27,9 +29,7 @@ PROOFS = ("extended-equation", "concealed", "real-mismatch")
 @click.option("--workers", type=click.IntRange(1), help="processes on this machine; all cores where not given")
 @click.option("--cluster", help="address of a Dask scheduler, or 'local'")
 @click.option("--machine", help="settings of the machine, for recordings that do not name theirs")
-@click.option(
-    "--job", "job_file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="what was cut with what"
-)
+@click.option("--job", "job_file", type=Input(dir_okay=False), help="what was cut with what")
 @click.option(
     "--estimators", type=click.Choice(["default", "paper"]), default="default", show_default=True,
     help="extra trees for all axes, or boosting for the spindle as in the paper (slow)",

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import click
 
+from pido.cli.inputs import Input
+
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--store", "root", required=True, type=click.Path(path_type=Path, file_okay=False), help="the store")
 @click.option("--machine", help="machine of recordings that do not name theirs; its ranges bound what is possible")
-@click.option("--settings", type=click.Path(path_type=Path, dir_okay=False, exists=True), help="TOML with own machines")
+@click.option("--settings", type=Input(dir_okay=False), help="TOML with own machines")
 @click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), help="resample to this rate, Hz")
 @click.option("--cutting", is_flag=True, help="refuse recordings in which the simulated tool never cuts")
 @click.option("--keep", is_flag=True, help="leave rejected files where they are; the reason goes beside the store only")

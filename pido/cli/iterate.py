@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pido.cli.inputs import Input
 from pido.cli.places import workspace_option
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
 @workspace_option
 @click.option("--machine", default=None, help="machine of recordings that do not name theirs")
-@click.option("--job", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="what is cut with what")
+@click.option("--job", type=Input(dir_okay=False), help="what is cut with what")
 @click.option("--air-cut", is_flag=True, default=None, help="parts without process quantities were cut in air")
 @click.option("--seed", type=int, default=None, help="of everything that draws at random")
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")

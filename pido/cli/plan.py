@@ -6,16 +6,15 @@ from pathlib import Path
 
 import click
 
+from pido.cli.inputs import Input
 from pido.cli.places import workspace_option
 
 SHOWN = 12
 
 
 @click.command(name="plan")
-@click.argument("program", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-@click.option(
-    "--job", "job_file", required=True, type=click.Path(path_type=Path), help="machine, material, tools, raw part"
-)
+@click.argument("program", type=Input(dir_okay=False))
+@click.option("--job", "job_file", required=True, type=Input(dir_okay=False), help="machine, material, tools, raw part")
 @workspace_option
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="folder for plan.json and report.html")
 @click.option("--seed", default=0, show_default=True, help="of the draws")

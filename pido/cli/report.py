@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pido.cli.inputs import Input
 from pido.cli.places import existing, machine_option, one_machine, workspace_option
 
 out_option = click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="HTML file")
@@ -73,7 +74,7 @@ def monitor(part: str, folder: Path, machine: str | None, tolerate: float, out: 
 
 
 @command.command()
-@click.argument("plan", type=click.Path(exists=True, path_type=Path))
+@click.argument("plan", type=Input())
 @out_option
 def plan(plan: Path, out: Path) -> None:
     """The page of a plan that was made before: PLAN is its plan.json, or the folder that holds it.
@@ -100,7 +101,7 @@ def plan(plan: Path, out: Path) -> None:
 
 
 @command.command()
-@click.argument("result", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("result", type=Input(file_okay=False))
 @out_option
 def experiment(result: Path, out: Path) -> None:
     """The page of an experiment that was run before: RESULT is the folder that `pido experiment` wrote.

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from pido.cli.inputs import Input
+
 if TYPE_CHECKING:
     from pido.core.recording import Recording
 
 
 @click.command(name="simulate")
-@click.argument("program", type=click.Path(path_type=Path, exists=True, dir_okay=False))
-@click.option(
-    "--job", "job_file", required=True, type=click.Path(path_type=Path), help="machine, material, tools, raw part"
-)
+@click.argument("program", type=Input(dir_okay=False))
+@click.option("--job", "job_file", required=True, type=Input(dir_okay=False), help="machine, material, tools, raw part")
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="NAME.parquet, or a folder (with its part.json)"
 )

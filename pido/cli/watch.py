@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pido.cli.inputs import Input
 from pido.cli.places import workspace_option
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ BEAT_S = 10.0
 
 
 @click.command()
-@click.argument("inbox", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("inbox", type=Input(file_okay=False))
 @workspace_option
 @click.option("--machine", default=None, help="machine of recordings that do not name theirs")
 @click.option("--prefect", is_flag=True, help="run each part as a flow on the Prefect server (PREFECT_API_URL)")

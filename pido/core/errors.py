@@ -8,6 +8,10 @@ class PidoError(Exception):
     """Base of all errors that a user can do something about."""
 
 
+class InputError(PidoError):
+    """A file or folder that a command names and that is not there, or is not what it should be."""
+
+
 class RecordingError(PidoError):
     """A recording that cannot be used: unreadable, incomplete, or against physics."""
 

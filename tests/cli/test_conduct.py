@@ -188,6 +188,56 @@ def test_a_mistake_is_one_message_with_exit_code_1_and_no_traceback(mistake, cal
     assert not (tmp_path / "o" / "diagnosis.json").exists()
 
 
+READS = {
+    "ingest": "ingest NOTHING --store s",
+    "ingest, settings": "ingest p1 --store s --machine m --settings NOTHING",
+    "iterate": "iterate NOTHING -w w --machine cmx600v",
+    "iterate, job": "iterate p1 --job NOTHING -w w",
+    "watch": "watch NOTHING -w w --once",
+    "plan": "plan NOTHING --job job.toml -w w",
+    "plan, job": "plan good.mpf --job NOTHING -w w",
+    "simulate": "simulate NOTHING --job job.toml --out o.parquet",
+    "simulate, job": "simulate good.mpf --job NOTHING --out o.parquet",
+    "diagnose": "diagnose p1 NOTHING --out o",
+    "correct": "correct NOTHING p1 --out o.parquet",
+    "correct, part": "correct p1 NOTHING --out o.parquet",
+    "accept-physics": "accept-physics NOTHING --finding 1 --by me --reason r -w w",
+    "monitor": "monitor NOTHING -w w",
+    "monitor, follow": "monitor --follow NOTHING -w w",
+    "status": "status -w NOTHING",
+    "approve": "approve 1 --by me --reason r -w NOTHING",
+    "reject": "reject 1 --by me --reason r -w NOTHING",
+    "rollback": "rollback --by me --reason r -w NOTHING",
+    "experiment": "experiment local-vs-global --data NOTHING --out e",
+    "experiment, job": "experiment local-vs-global --job NOTHING --out e",
+    "experiment, machine": "experiment extended-equation --data NOTHING --out e",
+    "experiment, machines": "experiment real-mismatch --data NOTHING --out e",
+    "report, plan": "report plan NOTHING --out o.html",
+    "report, experiment": "report experiment NOTHING --out o.html",
+    "report, iteration": "report iteration -w NOTHING --out o.html",
+}
+
+
+def test_every_verb_that_reads_something_is_asked_for_what_is_not_there():
+    assert {words.split()[0] for words in READS.values()} == set(VERBS)
+
+
+@pytest.mark.parametrize("verb", READS)
+def test_what_is_not_there_is_named_with_exit_code_1_in_every_verb(verb, call, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = [str(folder / word) if (folder / word).exists() else word for word in shlex.split(READS[verb])]
+    code, _, err = call(*words)
+    assert code == 1
+    assert ("w: no workspace" if "monitor" in verb else "NOTHING") in err
+    assert "Usage:" not in err
+
+
+def test_a_folder_where_a_file_is_wanted_says_so(call, folder, tmp_path):
+    code, _, err = call("simulate", folder / "p1", "--job", folder / "job.toml", "--out", tmp_path / "o.parquet")
+    assert code == 1
+    assert "p1: this is a folder; give a file." in err
+
+
 def test_an_error_inside_pido_keeps_its_traceback(monkeypatch, folder):
     monkeypatch.setattr("pido.recordings.read_recording", lambda path: 1 / 0)
     monkeypatch.setattr(sys, "argv", ["pido", "diagnose", str(folder / "p1"), "--out", "o"])
