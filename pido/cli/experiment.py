@@ -100,7 +100,7 @@ def command(
             told.append(
                 {
                     "experiment": name, "data": source, "verdict": outcome.verdict, "differs": outcome.differs,
-                    "tables": {t: json.loads(table.to_json(orient="records")) for t, table, _ in tables},
+                    "tables": {t: json.loads(str(table.to_json(orient="records"))) for t, table, _ in tables},
                 }
             )  # fmt: skip
             continue
@@ -160,7 +160,7 @@ def _prove(
     write_page(page, folder / "report.html")
     click.echo(f"report: {folder / 'report.html'}", err=True)
     if as_json:
-        told = {t: json.loads(table.to_json(orient="records")) for t, table, _ in tables}
+        told = {t: json.loads(str(table.to_json(orient="records"))) for t, table, _ in tables}
         click.echo(json.dumps({"experiment": name, "verdict": outcome.verdict, "tables": told}, indent=1))
         return
     click.echo(f"{outcome.verdict}\n")

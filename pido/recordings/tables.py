@@ -17,6 +17,8 @@ from pido.core.errors import RecordingError
 _BLOCK = 1 << 21
 """Bytes parsed at once by one thread; pyarrow's own 1 MiB makes more chunks, and so more to join, than needed."""
 
+_MISSING = ["", "NA", "NaN", "nan", "null", "None"]
+
 
 def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> dict[str, Array1D]:
     """`columns` as float64 (n,), `text` as objects. Raises RecordingError naming line or column of the first fault."""
@@ -29,14 +31,34 @@ def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> di
             convert_options=pc.ConvertOptions(
                 include_columns=columns + text,
                 column_types=types,
-                null_values=["", "NA", "NaN", "nan", "null", "None"],
+                null_values=_MISSING,
             ),
         )
     except (pa.ArrowInvalid, pa.ArrowKeyError) as error:
-        raise RecordingError(f"{path}: cannot be read as CSV: {error}. Export the recording again.") from None
+        reason = " ".join(_no_numbers(path, columns)) or f"cannot be read as CSV: {error}."
+        raise RecordingError(f"{path}: {reason} Export the recording again.") from None
     if table.num_rows == 0:
         raise RecordingError(f"{path}: the file has column names but no rows. Export the recording again.")
     return {name: _owned(table.column(name).to_numpy()) for name in columns + text}
+
+
+def _no_numbers(path: Path, columns: list[str]) -> list[str]:
+    """The first line of each column that should hold numbers and does not; pyarrow says neither name nor line."""
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(path, usecols=columns, dtype=str, keep_default_na=False, skip_blank_lines=False)
+    except ValueError:  # not a table at all: pyarrow's own words say more
+        return []
+    said = []
+    for name in columns:
+        given = table[name].notna() & ~table[name].isin(_MISSING)
+        bad = pd.to_numeric(table[name], errors="coerce").isna() & given
+        if bad.any():
+            row = int(bad.argmax())
+            often = f", {bad.sum()} times in all" if bad.sum() > 1 else ""
+            said.append(f"in line {row + 2} '{name}' is {table[name].iloc[row]!r}, which is no number{often}.")
+    return said
 
 
 def _owned(values: Array1D) -> Array1D:

@@ -114,3 +114,14 @@ def test_empty_missing_and_foreign_files_are_refused_by_name(tmp_path):
     }.items():
         with pytest.raises(RecordingError, match=why):
             recognise(tmp_path / name)
+
+
+def test_text_where_numbers_belong_is_named_by_line_and_column(tmp_path):
+    path = tmp_path / "a.csv"
+    rows = [f"{k},{k * 0.1:.1f},0.0,1.0" for k in range(50)]
+    rows[10], rows[20], rows[21] = "10,,0.0,1.0", "20,2.0,x7,1.0", "21,2.1,-,1.0"
+    path.write_text("\n".join([",pos_x,v_x,curr_x", *rows]) + "\n\n")
+    with pytest.raises(RecordingError) as fault:
+        read_recording(path)
+    assert "in line 22 'v_x' is 'x7', which is no number, 2 times in all." in str(fault.value)
+    assert "pos_x" not in str(fault.value)  # a missing value is no text
