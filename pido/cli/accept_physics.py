@@ -29,6 +29,8 @@ def command(
 ) -> None:
     """Extend the physical equation of a machine with a finding: the next iterations fit and generate with it.
 
+    DIAGNOSIS is the folder that `pido diagnose --out` wrote.
+
     Every acceptance and revocation is a line of the workspace's journal. `pido iterate` without parts retrains at once;
     the run in MLflow then says what the extended equation gained on rows left out.
 

@@ -16,7 +16,8 @@ from pido.cli.inputs import Input
 def command(diagnosis: Path, part: Path, out: Path) -> None:
     """Apply the models of a diagnosis, unchanged, to a part that was not diagnosed.
 
-    Reads no curr_<axis> column: it works where there is no recording of the current yet.
+    DIAGNOSIS is the folder that `pido diagnose --out` wrote. No curr_<axis> column of PART is read: it works where
+    there is no recording of the current yet.
 
     \b
     pido correct diagnosis parts/p04 --out p04-corrected.parquet

@@ -32,9 +32,10 @@ def command(
 ) -> None:
     """Compare simulation with recording and name the physics that is missing.
 
-    Where curr_<axis>_sim columns are given, they are the simulation; otherwise the physical equation fitted on the
-    same parts is. DIR gets diagnosis.json, details.json, model.json (for `pido correct`), one Parquet file per part
-    and report.html.
+    Each of PARTS is a part folder or a file of any known format, as for `pido ingest`. Where curr_<axis>_sim columns
+    are given, they are the simulation; otherwise the physical equation fitted on the same parts is. The folder --out
+    gets diagnosis.json, details.json, model.json (for `pido correct`), one Parquet file per part and
+    report.html.
 
     \b
     pido diagnose parts/p01 parts/p02 parts/p03 --out diagnosis

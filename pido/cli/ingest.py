@@ -38,6 +38,10 @@ def command(
     pido ingest parts/p01 capture.json --store plant/store
     pido ingest experiment_01.csv --store plant/store --machine smart_mill --keep
     """
+    if settings and not machine:
+        raise click.UsageError(
+            "--settings says what machines are like; name the one of these recordings with --machine"
+        )
     import sys
 
     import orjson

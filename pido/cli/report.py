@@ -16,6 +16,8 @@ out_option = click.option("--out", required=True, type=click.Path(dir_okay=False
 def command() -> None:
     """Write the page of an iteration, a plan, a monitored part or an experiment: one file that opens offline.
 
+    `pido diagnose` writes the page of a diagnosis itself.
+
     \b
     pido report iteration --workspace plant --out iteration.html
     pido report monitor p07 --workspace plant --out p07.html

@@ -232,6 +232,12 @@ def test_what_is_not_there_is_named_with_exit_code_1_in_every_verb(verb, call, f
     assert "Usage:" not in err
 
 
+def test_settings_of_machines_without_a_machine_are_not_passed_over(call, folder, tmp_path):
+    code, _, err = call("ingest", folder / "p1", "--store", tmp_path / "s", "--settings", folder / "bad.toml")
+    assert code == 2
+    assert "--machine" in err
+
+
 def test_a_folder_where_a_file_is_wanted_says_so(call, folder, tmp_path):
     code, _, err = call("simulate", folder / "p1", "--job", folder / "job.toml", "--out", tmp_path / "o.parquet")
     assert code == 1
