@@ -58,12 +58,14 @@ def contained(
     library = Library(problem, offered)
     library.whiten(faint)
     terms: list[Term] = []
-    while len(terms) < _MOST:
-        current = basis(library, faint, terms)
-        best = best_addition(library, current, {t.name for t in terms})
-        if best is None or best.bic > current.bic - _LEAST_GAIN:
-            break
-        terms.append(best.term)
+    # Beside a constant, friction on one side is Coulomb's: a difference of the sides is asked for when that is in.
+    for later in ({"friction_asymmetry"}, set()):
+        while len(terms) < _MOST:
+            current = basis(library, faint, terms)
+            best = best_addition(library, current, later | {t.name for t in terms})
+            if best is None or best.bic > current.bic - _LEAST_GAIN:
+                break
+            terms.append(best.term)
     terms = drop_useless(library, faint, swap(library, faint, terms), _LEAST_GAIN)
     joint = fit(problem, faint, terms)
     size = float(np.sqrt(np.mean(sim[thin.usable] ** 2)))

@@ -119,6 +119,10 @@ def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
     strong, and
     whitening would then listen to fast transients only.
     """
+    plain = even(mismatch)
+    # What weights that listen to what is quick leave of a slow effect would make noise slower still.
+    if rms_held_out(mismatch, plain, terms) < rms_held_out(mismatch, noise, terms):
+        noise = plain
     residual = flexible_rest(mismatch, fit(mismatch, noise, terms).residual)
     return estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable)
 
@@ -351,9 +355,10 @@ def confirm(
     """Terms that stand up to blocks, to parts that were not fitted, and to the number of questions."""
     mismatch = library.mismatch
     while terms:
-        model = whitened(mismatch, noise, terms)
-        # Each shape that was tried is a question of its own.
-        p = [p_value(model, i, mismatch.block) for i in range(len(terms))]
+        # Whitened rows tell quick effects best, plain ones slow effects; both are judged by blocks, and two looks cost
+        # twice. Each shape that was tried is a question of its own.
+        both = [whitened(mismatch, n, terms) for n in (noise, even(mismatch))]
+        p = [2 * min(p_value(model, i, mismatch.block) for model in both) for i in range(len(terms))]
         tried = [min(1.0, v * np.exp(0.5 * library.charge(t))) for v, t in zip(p, terms, strict=True)]
         q = q_values(tried, questions)
         worst = int(np.argmax(q))

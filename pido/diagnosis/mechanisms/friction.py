@@ -130,16 +130,24 @@ class FrictionAsymmetry(Mechanism):
 
 
 class LoadDependentFriction(Mechanism):
-    """Coulomb friction that grows with the process load across the guideway."""
+    """Coulomb friction that grows with the process load across the guideway.
+
+    `across`: 0 the whole load, 1 and 2 only that along the first and second other axis, where the guideway carries it.
+    """
 
     id = "load_dependent_friction"
     equation = "dI = mu * |F_perp| * sgn(v)"
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
+    shape = (choice("across", 3),)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
 
-    def regressors(self, state, **shape):
-        return nothing(state) if state.force_perp is None else column(state.force_perp * direction(state))
+    def regressors(self, state, *, across=0.0):
+        if state.force_perp is None:
+            return nothing(state)
+        others = [np.abs(f) for a, f in state.forces.items() if a != state.axis]
+        load = (state.force_perp, *others)[round(across)]
+        return column(load * direction(state))
 
     def needs(self, states):
         if any(s.force_perp is None for s in states):
