@@ -356,12 +356,13 @@ def _settle(
     rest = flexible_rest(full, fit(full, even(full), answer.terms).residual)
     noise = estimate_noise(rest, full.starts, full.noise_class, full.usable)
     terms = settle_shapes(full, noise, answer.terms)
-    if rms_held_out(full, even(full), terms) < _PLAIN_IS_BETTER * rms_held_out(full, noise, terms):
+    other = even(full)
+    if rms_held_out(full, other, terms) < _PLAIN_IS_BETTER * rms_held_out(full, noise, terms):
         # The terms lack something that is slow: weights that listen to what is quick would fit them to the wrong part.
-        noise = even(full)
+        noise, other = other, noise
         terms = settle_shapes(full, noise, terms)
     terms, proofs = _proved(full, noise, terms, answer, recorded)
-    found = estimate(full, noise, terms, rng)
+    found = estimate(full, noise, terms, rng, other)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])
     level = robust_sd(found.fit.residual[full.usable])

@@ -21,6 +21,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Fit, Term, fit, solve
 from pido.diagnosis.whiten import Noise
 
+_FORM = 0.02  # of an amplitude: no textbook form is a machine's to better than that, however many samples say so
 _STEP = 0.02  # relative, of a shape parameter
 _STEPS = 4  # Gauss-Newton
 
@@ -51,8 +52,14 @@ def settle_shapes(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> li
     return terms
 
 
-def estimate(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], rng: np.random.Generator) -> Estimated:
-    """Amplitudes, and intervals of everything that was fitted."""
+def estimate(
+    mismatch: Mismatch, noise: Noise, terms: Sequence[Term], rng: np.random.Generator, other: Noise | None = None
+) -> Estimated:
+    """Amplitudes, and intervals of everything that was fitted.
+
+    other : weights under which the same would come out were the model exact; where it does not, the form of a term is
+        not the machine's, and the interval is wide enough for both (in the spirit of Hausman 1978)
+    """
     joint = fit(mismatch, noise, terms)
     columns = [t.columns(mismatch.states) for t in terms]
     slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
@@ -62,6 +69,13 @@ def estimate(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], rng: np.ra
     draws = bootstrap(model, mismatch, rng)
     bounds = interval(beta, covariance, draws, units(mismatch))
     half = [0.5 * (high - low) for low, high in bounds]
+    if other is not None:
+        again, _ = solve(other.whiten(design), other.whiten(mismatch.target[None])[0])
+        half = [max(h, abs(float(b - a))) for h, b, a in zip(half, beta, again, strict=True)]
+    of_amplitudes = slice(len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns))
+    half[of_amplitudes] = [
+        max(h, _FORM * abs(float(b))) for h, b in zip(half[of_amplitudes], beta[of_amplitudes], strict=True)
+    ]
     out: list[dict[str, Estimate]] = []
     at, slope_at = len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns)
     for term, amplitudes, group in zip(terms, joint.amplitudes, slopes, strict=True):
