@@ -61,6 +61,7 @@ from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 log = logging.getLogger(__name__)
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
 Result = TypeVar("Result")
+_LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
 
@@ -400,7 +401,7 @@ def _proved(
     kept = list(terms)
     while True:
         proofs = [held_out(full, noise, kept, _without(kept, i), recorded) for i in range(len(kept))]
-        idle = [i for i, p in enumerate(proofs) if not p.rmse_after < p.rmse_before]
+        idle = [i for i, p in enumerate(proofs) if not p.rmse_after < _LESS_ERROR * p.rmse_before]
         if not idle:
             answer.terms = kept
             return kept, proofs

@@ -213,9 +213,10 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
                 if basis(library, noise, trial).bic < basis(library, noise, out).bic + margin:
                     out = trial
                     break
+    coulomb = any(t.name == "coulomb_friction" and not t.gates for t in out)
     for i, term in enumerate(out):
         for p in term.mechanism.shape:
-            if not p.is_choice:
+            if not p.is_choice or (coulomb and term.mechanism.id == "presliding_hysteresis"):
                 continue
             whole = basis(library, noise, out).bic
             for value in p.values:
@@ -238,11 +239,14 @@ def _at_standstill(mismatch: Mismatch, term: Term) -> float:
 
 def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
     coulomb = next((t for t in library.terms if t.name == "coulomb_friction"), None)
-    if coulomb is None or coulomb.name in {t.name for t in terms}:
+    if coulomb is None:
         return terms
+    beside = any(t.name == coulomb.name and not t.gates for t in terms)
     for i, term in enumerate(terms):
         if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
             turned = replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items()))
+            if beside:
+                return [*terms[:i], turned, *terms[i + 1 :]]  # the same sum, with all of Coulomb's friction in its name
             trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
             if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:
                 return trial
@@ -393,7 +397,7 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
             before, after = (cross_residual(mismatch, noise, t, fold) for t in (others, terms))
         else:
             before, after = cross_residual(mismatch, noise, others), every
-        if _worth(mismatch, before, after):
+        if _worth(mismatch, terms, i):
             continue
         gain = noise.whiten(before[None])[0] ** 2 - noise.whiten(after[None])[0] ** 2
         if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
@@ -409,7 +413,6 @@ def _misfit(
     In the order in which each adds most: beside all others, a true effect may look small because they share it out.
     """
     none = before = cross_residual(mismatch, noise, [])
-    every = cross_residual(mismatch, noise, terms)
     level = float(np.median(noise.level))
     kept: list[int] = []
     least, which = np.inf, 0
@@ -422,8 +425,7 @@ def _misfit(
         share = added / max(float(np.mean((none**2 - trials[i] ** 2)[active])), 1e-30) if active.any() else 0.0
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
         small = share < (MISFIT if free else MISFIT_PLAIN) or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
-        without = [t for k, t in enumerate(terms) if k != i]
-        small = small and not _worth(mismatch, cross_residual(mismatch, noise, without), every)
+        small = small and not _worth(mismatch, terms, i)
         if kept and small and share < least and terms[i].mechanism.id != "external_force":
             least, which = share, i
         kept.append(i)
@@ -439,9 +441,11 @@ def lasting(mismatch: Mismatch, term: Term) -> float:
     return float(np.sum(rows[:, 1:] * rows[:, :-1]) / max(np.sum(rows**2), 1e-300))
 
 
-def _worth(mismatch: Mismatch, before: Float1D, after: Float1D) -> bool:
-    rows = mismatch.usable
-    return bool(np.sum(after[rows] ** 2) < (1 - WORTH) ** 2 * np.sum(before[rows] ** 2))
+def _worth(mismatch: Mismatch, terms: Sequence[Term], which: int) -> bool:
+    """Whether a term by itself makes the plain error on unseen folds clearly smaller, beside all others."""
+    plain = even(mismatch)
+    without = [t for k, t in enumerate(terms) if k != which]
+    return rms_held_out(mismatch, plain, terms) < (1 - WORTH) * rms_held_out(mismatch, plain, without)
 
 
 def _active(mismatch: Mismatch, effect: Float1D) -> Bool1D:
