@@ -158,7 +158,7 @@ def test_one_part_alone_is_answered_by_blocks_and_says_so():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda r: r.with_columns(curr_x=np.ones(len(r))), "no part has a recorded current that varies"),
+        (lambda r: r.with_columns(curr_x=np.ones(len(r))), "'curr_x' is constant"),
         (lambda r: r.with_columns(curr_x_sim=np.full(len(r), np.nan)), "do not overlap"),
         (lambda r: r.rows(slice(0, 50)), "at least"),
     ],
