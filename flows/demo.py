@@ -1,6 +1,6 @@
 """`make demo`: parts arrive one by one, each goes through the flow on a local Prefect server, the gain is shown.
 
-In:  a folder of recordings (`--data`), or nothing: then twelve parts of the virtual mill, one of them with something
+In:  a folder of recordings (`--data`), or nothing: then eight parts of the virtual mill, one of them with something
      concealed in it.
 Out: a workspace with store, models and MLflow's runs; a table of what each iteration gained per axis; a diagnosis of
      the part that differs most from its simulation, where parts come with one; how to look.
@@ -36,7 +36,7 @@ SOURCES = (".csv", ".json", ".parquet", ".mat")
 @click.option("--data", type=click.Path(exists=True, file_okay=False, path_type=Path), help="folder of recordings")
 @click.option("--machine", help="machine of recordings that do not name theirs")
 @click.option("--job", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="what is cut with what")
-@click.option("--parts", "count", default=12, show_default=True, help="parts of the virtual mill, without --data")
+@click.option("--parts", "count", default=8, show_default=True, help="parts of the virtual mill, without --data")
 @click.option("--seed", default=0, show_default=True, help="of the virtual mill's parts")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
 def main(data: Path | None, machine: str | None, job: Path | None, count: int, seed: int, out: Path) -> None:
