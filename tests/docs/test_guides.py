@@ -56,6 +56,7 @@ def test_the_command_line_path_runs_and_finds_what_was_concealed(tmp_path):
     assert removed == pytest.approx(100 * 10 * 2, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_plant_path_runs_and_the_approved_version_is_champion(tmp_path):
     printed = follow(GUIDE / "plant.md", tmp_path)
     assert "version   3  champion" in printed["pido status --workspace plant --history"]
