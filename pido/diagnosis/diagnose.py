@@ -169,10 +169,9 @@ def _each(
     else:
         made = Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(*given) for given in calls.values())
     out: dict[str, Result] = {}
-    waiting = iter(made)
     for k, axis in enumerate(calls):
         tell(k, axis)
-        out[axis] = next(waiting)
+        out[axis] = next(made)
     return out
 
 

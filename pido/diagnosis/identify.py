@@ -195,6 +195,12 @@ def rms_held_out(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> flo
     return float(np.sqrt(np.mean(left**2)))
 
 
+def less_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], share: float) -> bool:
+    """Whether `terms` make the plain error on unseen folds smaller than `others` do, by more than `share` of it."""
+    plain = even(mismatch)
+    return rms_held_out(mismatch, plain, terms) < (1 - share) * rms_held_out(mismatch, plain, others)
+
+
 def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
     """Of textbook forms that fit equally well beside the other terms, the first.
 
@@ -388,17 +394,17 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
         rms = float(np.sqrt(np.mean(effects[i][active] ** 2))) if active.any() else 0.0
         if rms < LEAST_EFFECT * level:
             return i, f"{rms:.2g} A where it acts, under {LEAST_EFFECT:.0%} of the noise"
-        others = [t for k, t in enumerate(terms) if k != i]
         if term.mechanism.transient and lasting(mismatch, term) < LASTING:
             return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
+        others = [t for k, t in enumerate(terms) if k != i]
+        if less_error(mismatch, terms, others, WORTH):
+            continue
         if term.mechanism.id == "external_force":
             # A force over intervals of one part can be proved on other seconds of the same part only.
             fold = mismatch.block % 5
             before, after = (cross_residual(mismatch, noise, t, fold) for t in (others, terms))
         else:
             before, after = cross_residual(mismatch, noise, others), every
-        if _worth(mismatch, terms, i):
-            continue
         gain = noise.whiten(before[None])[0] ** 2 - noise.whiten(after[None])[0] ** 2
         if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
             return i, "no gain on parts that were not fitted"
@@ -425,7 +431,7 @@ def _misfit(
         share = added / max(float(np.mean((none**2 - trials[i] ** 2)[active])), 1e-30) if active.any() else 0.0
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
         small = share < (MISFIT if free else MISFIT_PLAIN) or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
-        small = small and not _worth(mismatch, terms, i)
+        small = small and not less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != i], WORTH)
         if kept and small and share < least and terms[i].mechanism.id != "external_force":
             least, which = share, i
         kept.append(i)
@@ -439,13 +445,6 @@ def lasting(mismatch: Mismatch, term: Term) -> float:
     """Correlation of a term with itself one row later: near zero where it is there for single rows only."""
     rows = term.columns(mismatch.states) * mismatch.usable
     return float(np.sum(rows[:, 1:] * rows[:, :-1]) / max(np.sum(rows**2), 1e-300))
-
-
-def _worth(mismatch: Mismatch, terms: Sequence[Term], which: int) -> bool:
-    """Whether a term by itself makes the plain error on unseen folds clearly smaller, beside all others."""
-    plain = even(mismatch)
-    without = [t for k, t in enumerate(terms) if k != which]
-    return rms_held_out(mismatch, plain, terms) < (1 - WORTH) * rms_held_out(mismatch, plain, without)
 
 
 def _active(mismatch: Mismatch, effect: Float1D) -> Bool1D:

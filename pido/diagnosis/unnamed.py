@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.identify import even, rms_held_out
+from pido.diagnosis.identify import less_error
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.terms import Term, fit
@@ -41,7 +41,7 @@ _CLEARLY = 25.0  # BIC by which a model without a name must win
 _CLEARLY_SHARE = 0.03  # and by this share of all that the named terms gain, in BIC and in sum of squares
 _SEPARATE_SHARE = 0.12  # the same where it stands beside all names: a smaller rest is their misfit
 _CURVE_SHARE = 0.3  # the same for a curve, which holds every law of its quantities and so always fits better
-_LESS_ERROR = 0.99  # of the error with names, in A on unseen folds, that a model without a name has to reach
+_LESS_ERROR = 0.01  # of the error with names, in A on unseen folds, that a model without a name has to take away
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
 _PAIRS = 10
@@ -62,7 +62,10 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             share = _share_asked(found.term, beside=len(trial) > max(1, len(terms)))
             margin = _CLEARLY + min(share, _SEPARATE_SHARE) * max(nothing.bic - best.bic, 0.0)
             more = best.rss - tried.rss > share * max(nothing.rss - best.rss, 0.0)
-            if tried.bic + _CHARGE < best.bic - margin and more and _less_error(mismatch, trial, best_terms):
+            likelier = tried.bic + _CHARGE < best.bic - margin and more
+            # A form that is smooth where a sign is sharp fits the transients of a filtered current better than the law
+            # itself: the plain error has to be smaller as well, and not only the quick part of it.
+            if likelier and less_error(mismatch, trial, best_terms, _LESS_ERROR):
                 best_terms, best = trial, replace(tried, searched=tried.searched + _CHARGE)
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)
@@ -75,15 +78,6 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             "and neither a mechanism nor a formula or curve describes it."
         )
     return best_terms, None
-
-
-def _less_error(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term]) -> bool:
-    """Whether the plain error on unseen folds is smaller as well, and not only the quick part of it.
-
-    A form that is smooth where a sign is sharp fits the transients of a filtered current better than the law itself.
-    """
-    plain = even(mismatch)
-    return rms_held_out(mismatch, plain, trial) < _LESS_ERROR * rms_held_out(mismatch, plain, terms)
 
 
 def _share_asked(unnamed: Term, beside: bool) -> float:
