@@ -7,7 +7,6 @@ Out: `Toolpath`. Whatever is not understood, missing, endless or out of reach is
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,14 @@ from pido.nc import words as known
 from pido.nc.block import Executor, Values
 from pido.nc.cycles import CYCLES
 from pido.nc.grammar import Control, Word
+from pido.nc.library import Library
 from pido.nc.path import RAPID_FEED
-from pido.nc.source import Program, Statement, read_text, split_sections, understand
+from pido.nc.source import Program, Statement
 from pido.nc.toolpath import Toolpath
+from pido.nc.variables import Scope, typed
 
 MAX_STEPS = 20_000_000
 MAX_DEPTH = 16
-_SUFFIXES = ("", ".SPF", ".spf", ".MPF", ".mpf", ".NC", ".nc")
 Point = tuple[float, float, float]
 
 
@@ -65,7 +65,7 @@ def interpret(
     >>> path.length.tolist(), path.feed.tolist(), path.nc_line.tolist()
     ([50.0], [10.0], [2])
     """
-    library = _Library(subprograms, frozenset(n.upper() for n in neutral))
+    library = Library(subprograms, frozenset(n.upper() for n in neutral))
     main = library.load(program)
     run = _Run(library, main, tools, zero_offsets, start, reference, block_skip, max_steps)
     run.execute()
@@ -78,126 +78,12 @@ def interpret(
     return path
 
 
-class _Library:
-    """All programs that the main program may reach, understood before anything is executed."""
-
-    def __init__(self, subprograms: Path | Mapping[str, str] | None, neutral: frozenset[str]) -> None:
-        self.texts = {k.upper(): v for k, v in subprograms.items()} if isinstance(subprograms, Mapping) else {}
-        self.folders = [Path(subprograms)] if subprograms is not None and not isinstance(subprograms, Mapping) else []
-        self.neutral = neutral
-        self.programs: dict[str, Program] = {}
-        self.order: list[str] = []
-
-    def load(self, source: Path | str) -> Program:
-        name, text = "program", ""
-        if isinstance(source, Path) or ("\n" not in source and len(source) < 1000 and Path(source).is_file()):
-            file = Path(source)
-            name, text = file.name, read_text(file)
-            self.folders.append(file.parent)
-        elif "\n" not in source and Path(source).suffix.lower() in (".mpf", ".spf", ".nc"):
-            raise ProgramError(f"{source}: no such NC program.")
-        else:
-            text = source
-        sections = split_sections(name, text)
-        self.programs |= {p.name: p for p in sections}
-        faults: list[str] = []
-        waiting = [sections[0]]
-        while waiting:
-            program = waiting.pop(0)
-            self.order.append(program.name)
-            program.neutral = self.neutral
-            faults += understand(program)
-            for called, line in program.calls.items():
-                if called in self.neutral or called in self.order or any(p.name == called for p in waiting):
-                    continue
-                found = self.find(called)
-                if found is None:
-                    faults.append(
-                        f"{program.name}, line {line}: '{program.text(line)}': {called} is neither a word that is "
-                        "understood nor a subprogram that is there; put its file beside the program, or name it in "
-                        "`neutral`"
-                    )
-                else:
-                    self.programs[called] = found
-                    if found.name not in self.order and all(p is not found for p in waiting):
-                        waiting.append(found)
-        if faults:
-            raise ProgramError(f"{len(faults)} fault(s), nothing was executed:\n" + "\n".join(faults))
-        return sections[0]
-
-    def find(self, name: str) -> Program | None:
-        for candidate in (name, name.removeprefix("L")):
-            if (program := self.programs.get(candidate if candidate == name else f"O{candidate}")) is not None:
-                return program
-        if name in self.texts:
-            return Program(name, self.texts[name].splitlines())
-        for folder in self.folders:
-            if not folder.is_dir():
-                continue
-            wanted = {f"{name}{s}".casefold() for s in _SUFFIXES}
-            for file in sorted(folder.iterdir()):
-                if file.name.casefold() in wanted and file.is_file():
-                    return Program(name, read_text(file).splitlines())
-        return None
-
-
-class _Scope:
-    """Variables of one program call; R parameters are shared by all."""
-
-    def __init__(self, run: _Run) -> None:
-        self.run = run
-        self.local: dict[str, Any] = {}
-        self.kinds: dict[str, str] = {}
-
-    def value(self, name: str, index: tuple[Any, ...]) -> Any:
-        if name in self.local:
-            held = self.local[name]
-            return held.get(_index(index), 0.0) if isinstance(held, dict) else held
-        if name[0] == "R" and (name[1:].isdigit() or name == "R"):
-            return self.run.r.get(int(name[1:]) if name != "R" else int(index[0]), 0.0)
-        return self.run.system(name, index)
-
-    def set(self, name: str, index: tuple[Any, ...], value: Any) -> bool:
-        """False where `name` is no variable."""
-        if name in self.local:
-            kind = self.kinds[name]
-            if index or isinstance(value, list):
-                array = dict(self.local[name]) if isinstance(self.local[name], dict) else {}
-                if isinstance(value, list):
-                    array |= {(i,): _typed(kind, v) for i, v in enumerate(value)}
-                else:
-                    array[_index(index)] = _typed(kind, value)
-                self.local[name] = array
-            else:
-                self.local[name] = _typed(kind, value)
-            return True
-        if name == "R" or (name[0] == "R" and name[1:].isdigit()):
-            self.run.r[int(name[1:]) if name != "R" else int(index[0])] = float(value)
-            return True
-        if name == "$P_UIFR":
-            self.run.executor.set_offset(float(index[0]), str(index[1]), float(value))
-            return True
-        return False
-
-
-def _index(index: tuple[Any, ...]) -> tuple[int, ...]:
-    return tuple(int(i) for i in index)
-
-
-def _typed(kind: str, value: Any) -> Any:
-    if kind == "INT":
-        return float(math.floor(value + 0.5))
-    if kind == "BOOL":
-        return bool(value)
-    return float(value) if kind == "REAL" else value
-
-
 class _Run:
     """Executes statements; knows where it is, for every message."""
 
     def __init__(
         self,
-        library: _Library,
+        library: Library,
         main: Program,
         tools: Mapping[str, Tool] | None,
         zero_offsets: Mapping[str, Point] | None,
@@ -238,6 +124,9 @@ class _Run:
             return float(e.offsets.get(offset, np.zeros(3))[known.LINEAR.index(index[1])])
         raise ValueError(f"the value of {name} is not known here")
 
+    def set_offset(self, number: float, axis: str, value: float) -> None:
+        self.executor.set_offset(number, axis, value)
+
     def fail(self, fault: str, line: int | None = None) -> ProgramError:
         at = self.executor.line if line is None else line
         return ProgramError(f"{self.program.name}, line {at}: '{self.program.text(at)}': {fault}")
@@ -264,7 +153,7 @@ class _Run:
         outer_line, outer_number = e.line, e.program
         e.program = self.library.order.index(program.name)
         e.renew()
-        scope = _Scope(self)
+        scope = Scope(self)
         if len(values) > len(program.parameters):
             raise self.fail(
                 f"{program.name} takes {len(program.parameters)} parameters, {len(values)} were given", outer_line
@@ -273,13 +162,13 @@ class _Run:
         for (kind, name, default), value in zip(program.parameters, given, strict=True):
             if value is None:
                 value = default(scope) if default else ("" if kind == "STRING" else 0.0)
-            scope.kinds[name], scope.local[name] = kind, _typed(kind, value)
+            scope.kinds[name], scope.local[name] = kind, typed(kind, value)
         self._statements(program, scope, 0, len(program.statements))
         self.depth -= 1
         self.program, e.line, e.program = outer, outer_line, outer_number
         e.renew()
 
-    def _statements(self, program: Program, scope: _Scope, first: int, stop: int) -> bool:
+    def _statements(self, program: Program, scope: Scope, first: int, stop: int) -> bool:
         """Execute statements first..stop-1; True where the program ended (M30, M17, RET)."""
         e, rows = self.executor, self.executor.path.rows
         statements, i = program.statements, first
@@ -337,7 +226,7 @@ class _Run:
 
     # --- blocks ------------------------------------------------------------------------------------------------
 
-    def _block(self, scope: _Scope, statement: Statement) -> bool:
+    def _block(self, scope: Scope, statement: Statement) -> bool:
         """Execute a block; True where it ends the program."""
         values, calls = Values(), []
         ends = False
@@ -367,7 +256,7 @@ class _Run:
         return ends
 
     def _evaluate(
-        self, scope: _Scope, words: tuple[Word, ...], values: Values
+        self, scope: Scope, words: tuple[Word, ...], values: Values
     ) -> list[tuple[str, tuple[Any, ...], int]]:
         """Words with their values into `values`; variables are set; subprogram calls are returned."""
         calls: list[tuple[str, tuple[Any, ...], int]] = []
@@ -417,9 +306,7 @@ class _Run:
 
     # --- control -----------------------------------------------------------------------------------------------
 
-    def _control(
-        self, program: Program, scope: _Scope, i: int, control: Control, loops: dict[int, float]
-    ) -> int | None:
+    def _control(self, program: Program, scope: Scope, i: int, control: Control, loops: dict[int, float]) -> int | None:
         """The statement that follows control statement i; None at the end of the program."""
         kind, parts, jump = control.kind, control.parts, program.jump
         if kind == "if":
@@ -451,7 +338,7 @@ class _Run:
             self._define(scope, parts)
         return None if kind == "ret" else i + 1
 
-    def _back(self, program: Program, scope: _Scope, i: int, target: int, loops: dict[int, float]) -> int:
+    def _back(self, program: Program, scope: Scope, i: int, target: int, loops: dict[int, float]) -> int:
         """A jump backwards, refused where nothing at all has changed since the last one from here."""
         opening = program.statements[target]
         if isinstance(opening, Statement) and opening.control is not None and opening.control.kind == "for":
@@ -465,7 +352,7 @@ class _Run:
         self.seen[key] = state
         return target
 
-    def _goto(self, program: Program, scope: _Scope, i: int, how: str, label: str) -> int:
+    def _goto(self, program: Program, scope: Scope, i: int, how: str, label: str) -> int:
         places = program.labels[label]
         after = [p for p in places if p > i]
         before = [p for p in places if p <= i]
@@ -476,7 +363,7 @@ class _Run:
         target = before[-1] if how == "GOTOB" or not after else after[0]
         return self._back(program, scope, i, target, {}) if target <= i else target
 
-    def _case(self, program: Program, scope: _Scope, i: int, parts: tuple[Any, ...]) -> int:
+    def _case(self, program: Program, scope: Scope, i: int, parts: tuple[Any, ...]) -> int:
         value, rest = parts[0](scope), list(parts[1:])
         while len(rest) >= 3 and callable(rest[0]):
             expression, how, label, *rest = rest
@@ -484,7 +371,7 @@ class _Run:
                 return self._goto(program, scope, i, str(how), label)
         return self._goto(program, scope, i, str(rest[0]), rest[1]) if rest else i + 1
 
-    def _repeat(self, program: Program, scope: _Scope, i: int, control: Control) -> int:
+    def _repeat(self, program: Program, scope: Scope, i: int, control: Control) -> int:
         """REPEAT label [label] P=n, REPEATB label P=n: a stretch of this program again."""
         labels = [p for p in control.parts if isinstance(p, str)]
         times = next((p for p in control.parts if not isinstance(p, str)), None)
@@ -512,7 +399,7 @@ class _Run:
             self.depth -= 1
         return i + 1
 
-    def _define(self, scope: _Scope, parts: tuple[Any, ...]) -> None:
+    def _define(self, scope: Scope, parts: tuple[Any, ...]) -> None:
         kind = str(parts[0])
         for name, size, value in (p for p in parts if isinstance(p, tuple)):
             scope.kinds[name] = kind
@@ -523,7 +410,7 @@ class _Run:
                     scope.set(name, (), given if isinstance(given, list) else [given])
             else:
                 empty = "" if kind in ("STRING", "AXIS", "CHAR") else 0.0
-                scope.local[name] = _typed(kind, empty if given is None else given)
+                scope.local[name] = typed(kind, empty if given is None else given)
 
 
 def _from_plain(statement: tuple[Any, ...]) -> Values:
@@ -535,7 +422,7 @@ def _from_plain(statement: tuple[Any, ...]) -> Values:
     return values
 
 
-def _check_limits(path: Toolpath, machine: Machine, library: _Library) -> None:
+def _check_limits(path: Toolpath, machine: Machine, library: Library) -> None:
     """Travel of the axes and speed of the spindle; the first faults per axis, with the lines that cause them."""
     faults = []
     for axis, name in enumerate(LINEAR_AXES):
