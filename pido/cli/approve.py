@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import click
 
-from pido.cli.places import (
-    by_option,
-    existing,
-    follow,
-    machine_option,
-    mirror_option,
-    one_machine,
-    reason_option,
-    show,
-    workspace_option,
-)  # fmt: skip
+from pido.cli.places import decide, decision
 
 
 @click.command()
 @click.argument("version", type=int)
-@by_option
-@reason_option
-@workspace_option
-@machine_option
-@mirror_option
-def command(version: int, by: str, reason: str, folder: Path, machine: str | None, mirror: bool) -> None:
+@decision(wait=True)
+def command(version: int, **asked: Any) -> None:
     """Promote VERSION, which passed its gate: its four models, equation and limits go into force in one step.
 
     \b
@@ -34,8 +20,4 @@ def command(version: int, by: str, reason: str, folder: Path, machine: str | Non
     """
     from pido.tracking import promotion
 
-    workspace = existing(folder)
-    machine = one_machine(workspace, machine)
-    show(promotion.approve(workspace, machine, version, by=by, reason=reason))
-    if mirror:
-        follow(workspace, machine)
+    decide(promotion.approve, version, **asked)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -19,14 +20,36 @@ workspace_option = click.option(
     default=Path("plant"),
     show_default=True,
     envvar="PIDO_WORKSPACE",
-    help="folder with store, models and MLflow; made if it is not there",
+    help="folder with store, models and MLflow; `iterate` and `watch` make it",
 )
 machine_option = click.option("--machine", default=None, help="needed where a workspace holds several machines")
 by_option = click.option("--by", required=True, help="who decides")
 reason_option = click.option("--reason", required=True, help="why; goes into the audit log")
-mirror_option = click.option(
-    "--mirror/--no-mirror", default=True, show_default=True, help="bring MLflow's aliases up to date afterwards"
-)
+
+
+def decision(*, wait: bool) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The options of a decision about a version; `wait`: whether MLflow's aliases are awaited unless asked not to."""
+    mirror = click.option(
+        "--mirror/--no-mirror", default=wait, show_default=True, help="wait until MLflow's aliases have followed"
+    )
+
+    def with_options(verb: Callable[..., None]) -> Callable[..., None]:
+        for option in (mirror, machine_option, workspace_option, reason_option, by_option):
+            verb = option(verb)
+        return verb
+
+    return with_options
+
+
+def decide(
+    action: Callable[..., Record], *version: int, folder: Path, machine: str | None, by: str, reason: str, mirror: bool
+) -> None:
+    """Take the decision, show what is in force now, and let MLflow follow."""
+    workspace = existing(folder)
+    machine = one_machine(workspace, machine)
+    show(action(workspace, machine, *version, by=by, reason=reason))
+    if mirror:
+        follow(workspace, machine)
 
 
 def existing(folder: Path) -> Workspace:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 BEAT_S = 10.0
+SWEEP_S = 30.0
+"""How often runs without a process are looked for, and MLflow is told what it has missed, s."""
 
 
 @click.command()
@@ -38,6 +40,7 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     pido watch plant/inbox --workspace plant
     pido watch plant/inbox --workspace plant --once
     """
+    from pido import production
     from pido.arrivals import Inbox
     from pido.workspace import Workspace
 
@@ -45,9 +48,10 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     for chatty in ("httpx", "watchfiles"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
     workspace = Workspace.open(folder)
-    take = _through_prefect(workspace, machine) if prefect else _in_this_process(workspace, machine)
+    take = _through_prefect(workspace, machine) if prefect else _in_this_process(workspace, machine, once)
     watched = Inbox(inbox, workspace.settings.settle_s)
     stirred = threading.Event()
+    due = _every(SWEEP_S)
     _beat(workspace.root / "watcher.alive")
     if not once:
         _listen(inbox, stirred)
@@ -55,21 +59,30 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
         stirred.clear()
         arrived, waiting = watched.look()
         take(arrived)
+        if due():
+            production.log(str(workspace.root))  # what MLflow missed while it was away
         if once and not waiting and not any(path.path.exists() for path in arrived):
             return
         soon = waiting or any(path.path.exists() for path in arrived)
         stirred.wait(min(workspace.settings.settle_s, 1.0) if soon else workspace.settings.scan_s)
 
 
-def _in_this_process(workspace: Workspace, machine: str | None) -> Callable[[list[Arrived]], None]:
+def _in_this_process(workspace: Workspace, machine: str | None, once: bool) -> Callable[[list[Arrived]], None]:
+    from pido.core.errors import UnavailableError
     from pido.plain import run
 
     grace = 5 * workspace.settings.settle_s
 
     def take(arrived: list[Arrived]) -> None:
         for one in arrived:
-            # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
-            answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
+            try:
+                # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
+                answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
+            except (UnavailableError, OSError) as error:
+                if once:
+                    raise
+                log.warning("%s is still to be done (%s); tried again with the next look", one.path.name, error)
+                continue
             for done in answer["done"]:
                 log.info("%s: version %d of %s", one.path.name, done["version"], done["machine"])
             for refused in answer["rejected"]:
@@ -83,22 +96,35 @@ def _silent(done: int, total: int, what: str) -> None:
 
 
 def _through_prefect(workspace: Workspace, machine: str | None) -> Callable[[list[Arrived]], None]:
-    from flows.submit import submit, sweep
+    from flows.submit import AWAY, submit, sweep
 
-    swept = [0.0]
+    due = _every(SWEEP_S)
 
     def take(arrived: list[Arrived]) -> None:
         # A server that is away for a while is no reason to stop watching: what has arrived is still there.
         try:
             for one in arrived:
                 submit(str(workspace.root), str(one.path), one.digest, machine)
-            if time.monotonic() - swept[0] > 60.0:
-                swept[0] = time.monotonic()
+            if due():
                 sweep(workspace)
-        except (OSError, RuntimeError) as error:
-            log.warning("Prefect cannot be reached (%s); asked again with the next look", error)
+        except AWAY as error:
+            log.warning("Prefect cannot be reached (%s); asked again with the next look", error or type(error).__name__)
 
     return take
+
+
+def _every(seconds: float) -> Callable[[], bool]:
+    """Says yes at most once in `seconds`, and the first time it is asked."""
+    last = [-seconds]
+
+    def due() -> bool:
+        now = time.monotonic()
+        if now - last[0] < seconds:
+            return False
+        last[0] = now
+        return True
+
+    return due
 
 
 def _listen(inbox: Path, stirred: threading.Event) -> None:

@@ -18,23 +18,6 @@ from pido.core.recording import Recording
 from pido.recordings.folder import write_folder
 
 
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """`call("diagnose", ...)` is what a shell sees: exit code, stdout, stderr."""
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["pido", *map(str, words)])
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = end.code or 0
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return run
-
-
 def commands(command=pido, path=()):
     """Every verb and subcommand with its words."""
     for name in command.list_commands(click.Context(command)):

@@ -1,12 +1,10 @@
 """What `pido diagnose` says of recordings that it cannot compare, or only in part; it never makes a finding up."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from pido.cli import main
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings.folder import write_folder
@@ -15,24 +13,18 @@ ROWS = 1200
 
 
 @pytest.fixture
-def diagnose(tmp_path, monkeypatch, capsys):
+def diagnose(tmp_path, call):
     """`diagnose(folders, ...)`: exit code, findings (axis, mechanism), clean axes, what stood on stderr."""
 
     def run(*words):
         out = tmp_path / "out"
-        monkeypatch.setattr(sys, "argv", ["pido", "diagnose", *map(str, words), "--out", str(out)])
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = end.code or 0
-        said = capsys.readouterr()
+        code, said, err = call("diagnose", *words, "--out", out)
         if code:
-            assert not said.out
+            assert not said
             assert not out.exists()
-            return code, None, None, said.err
+            return code, None, None, err
         told = json.loads((out / "diagnosis.json").read_text())
-        return code, [(f["axis"], f["mechanism"]) for f in told["findings"]], told["clean_axes"], said.err
+        return code, [(f["axis"], f["mechanism"]) for f in told["findings"]], told["clean_axes"], err
 
     return run
 
