@@ -5,7 +5,8 @@ Out: per kind: faults caused, attempts that were cut off, parts lost, parts doub
      the one of an undisturbed run (store, training data, equation and models by digest; champion and audit log).
 
 Every attempt is a process of its own, forked from this one with everything imported, so that a kill at 50 ms hits the
-work and not Python's start. MLflow is told about nothing here: that it may be away is one of the faults of the tests.
+work and not Python's start. MLflow is told about nothing in these. Then a whole plant is started and its services are
+killed (`benchmarks.plant_chaos`).
 """
 
 from __future__ import annotations
@@ -18,16 +19,22 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pido import plain, production
+from deploy import postgres
+from pido import parts, plain, production
+from pido.arrivals import Inbox
+from pido.core.errors import SettingsError
 from pido.recordings.folder import write_folder
 from pido.store import Store
 from pido.tracking import bundle, promotion
@@ -43,6 +50,8 @@ NOBODY_THERE = "http://127.0.0.1:9"
 LOG = production.log
 NOBODY = 65534
 """User id of an attempt that may read the workspace but not write to it."""
+
+YEAR_S = 3.15e7
 
 Attempt = Callable[[], None]
 
@@ -77,11 +86,16 @@ class Storm:
         start = time.monotonic()
         calm = self.workspace()
         for folder in self.folders:
-            ended(start_process(lambda f=folder: take(calm, f), self._log()))
+            ended(start_process(lambda f=folder: take(calm, f), self.log()))
         self.seconds = (time.monotonic() - start) / len(self.folders)
+        looked = self.workspace()
+        start = time.monotonic()
+        ended(start_process(lambda: parts.ingest(str(looked.root), str(self.folders[0])) and None, self.log()))
+        self.ingest_s = time.monotonic() - start
+        shutil.rmtree(looked.root)
         self.calm = state(calm, self.machine)
         if len(self.calm["parts"]) != len(self.folders):
-            raise RuntimeError(f"the undisturbed run did not end well:\n{self._log().read_text()[-2000:]}")
+            raise RuntimeError(f"the undisturbed run did not end well:\n{self.log().read_text()[-2000:]}")
 
     def workspace(self) -> Workspace:
         root = self.root / f"plant-{next(self._numbers)}"
@@ -94,11 +108,12 @@ class Storm:
         return self._repeated("kill -9 of an iteration", count, self._one_kill)
 
     def disk_full(self, count: int) -> Outcome:
-        """No file may grow beyond a random size while a part is taken."""
+        """No file may grow beyond a random size while a part is taken from the inbox."""
         return self._repeated("disk full", count, self._one_full_disk)
 
     def clock(self, count: int) -> Outcome:
-        """The clock jumps by years, back and forth, and the attempt is killed half of the time."""
+        """Whoever asks for the time gets another year at each question, and files arrive with times of any year; the
+        attempt, a part from the inbox and a decision, is killed most of the time."""
         return self._repeated("clock jumps", count, self._one_jump)
 
     def read_only(self, count: int) -> Outcome:
@@ -111,10 +126,10 @@ class Storm:
 
     def torn(self, count: int) -> Outcome:
         """A batch with a recording in its middle of which only the first bytes came."""
-        return self._repeated("half copied, in a batch", count, self._one_torn)
+        return self._repeated("half copied, in a batch", count, self._one_torn, refuses=True)
 
     def replaced(self, count: int) -> Outcome:
-        """A part's folder gets the files of another part while it is read."""
+        """A part's folder gets the files of another part and its own again, over and over, while it is read."""
         return self._repeated("replaced while read", count, self._one_replaced)
 
     def mlflow_away(self, count: int) -> Outcome:
@@ -140,7 +155,7 @@ class Storm:
             arrived = sorted(inbox.iterdir())
             plain.run(place, arrived, None, silent, from_inbox=True)
 
-        ended(start_process(attempt, self._log()))
+        ended(start_process(attempt, self.log()))
         found = state(place, self.machine)
         rejected = len({a.name for a in Ledger(place.ledger).rejections()})
         lost = len(set(self.calm["parts"]) - set(found["parts"])) + torn - rejected + len(list(inbox.iterdir()))
@@ -152,17 +167,22 @@ class Storm:
     def promotions(self, count: int) -> Outcome:
         """kill -9 during approvals and rollbacks, on the versions that the parts brought."""
         place = self._finished()
-        found = promotions(place, self.machine, count, self.rng, self._log())
+        found = promotions(place, self.machine, count, self.rng, self.log())
         return replace(found, same=found.same and state(place, self.machine) == self.calm)
 
     def _finished(self) -> Workspace:
         place = self.workspace()
         for folder in self.folders:
-            ended(start_process(lambda f=folder: take(place, f), self._log()))
+            ended(start_process(lambda f=folder: take(place, f), self.log()))
         return place
 
-    def _repeated(self, kind: str, count: int, fault: Callable[[Workspace, Path], tuple[int, int]]) -> Outcome:
-        """Faults spread over the parts in a random order; each part is brought again without a fault at the end."""
+    def _repeated(
+        self, kind: str, count: int, fault: Callable[[Workspace, Path], tuple[int, int]], refuses: bool = False
+    ) -> Outcome:
+        """Faults spread over the parts in a random order; each part is brought again without a fault at the end.
+
+        refuses : parts are at fault and belong into the rejected area; else one that is found there counts as lost
+        """
         faults = cut = 0
         lost = doubled = 0
         same = True
@@ -174,41 +194,51 @@ class Storm:
                 for _ in range(min(share, 12)):
                     caused, failed = fault(place, folder)
                     faults, cut = faults + caused, cut + failed
-                if not ended(start_process(lambda f=folder, p=place: take(p, f), self._log())):
+                if not ended(start_process(lambda f=folder, p=place: take(p, f), self.log())):
                     same = False
             found = state(place, self.machine)
             lost += len(set(self.calm["parts"]) - set(found["parts"]))
+            lost += 0 if refuses else len(Ledger(place.ledger).rejections())
             doubled += len(found["parts"]) - len(set(found["parts"]))
             same &= found == self.calm
             shutil.rmtree(place.root)
         return Outcome(kind, faults, cut, lost, doubled, same)
 
     def _one_kill(self, place: Workspace, folder: Path) -> tuple[int, int]:
-        process = start_process(lambda: take(place, folder), self._log())
+        process = start_process(lambda: take(place, folder), self.log())
         time.sleep(self.rng.uniform(0, self.seconds))
         hit = killed(process)
         return hit, hit
 
     def _one_full_disk(self, place: Workspace, folder: Path) -> tuple[int, int]:
         limit = int(10 ** self.rng.uniform(2, 5.5))
+        arrived = _delivered(place, folder)
 
         def attempt() -> None:
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-            take(place, folder)
+            from_inbox(place, arrived)
 
-        return 1, not ended(start_process(attempt, None))
+        return 1, not ended(start_process(attempt, self.log()))
 
     def _one_jump(self, place: Workspace, folder: Path) -> tuple[int, int]:
-        years = self.rng.choice((-30, -1, 1, 30)) * 3.15e7
-        real = time.time
+        arrived = _delivered(place, folder)
+        for file in arrived.iterdir():
+            then = time.time() + self.rng.uniform(-30, 30) * YEAR_S
+            os.utime(file, (then, then))
+        seed = self.rng.random()
 
         def attempt() -> None:
-            time.time = lambda: real() + years
-            take(place, folder)
+            with clock_that_jumps(random.Random(seed)):
+                inbox, whole = Inbox(place.inbox, 0.02), []
+                while not whole:
+                    whole, _ = inbox.look()
+                for one in whole:
+                    from_inbox(place, one.path)
+                _decide(place, self.machine)
 
-        process = start_process(attempt, self._log())
-        if self.rng.random() < 0.5:
+        process = start_process(attempt, self.log())
+        if self.rng.random() < 0.7:
             time.sleep(self.rng.uniform(0, self.seconds))
             return 1, killed(process)
         return 1, not ended(process)
@@ -225,13 +255,13 @@ class Storm:
             take(place, folder)
 
         try:
-            return 1, not ended(start_process(attempt, self._log()))
+            return 1, not ended(start_process(attempt, self.log()))
         finally:
             for one in folders:
                 one.chmod(0o755)
 
     def _two_at_once(self, place: Workspace, folder: Path) -> tuple[int, int]:
-        both = [start_process(lambda: take(place, folder), self._log()) for _ in range(2)]
+        both = [start_process(lambda: take(place, folder), self.log()) for _ in range(2)]
         return 1, sum(not ended(process) for process in both)
 
     def _one_torn(self, place: Workspace, folder: Path) -> tuple[int, int]:
@@ -243,7 +273,7 @@ class Storm:
         recording.write_bytes(whole[: self.rng.randrange(len(whole))])
         known = [f for f in self.folders if Store(place.store).entries()][:1]
         batch = [*known, torn]
-        ended(start_process(lambda: plain.run(place, batch, None, silent) and None, self._log()))
+        ended(start_process(lambda: plain.run(place, batch, None, silent) and None, self.log()))
         rejected = any(a.name == torn.name for a in Ledger(place.ledger).rejections())
         return 1, int(rejected)
 
@@ -252,13 +282,22 @@ class Storm:
         shutil.rmtree(arriving, ignore_errors=True)
         shutil.copytree(folder, arriving)
         other = self.rng.choice([f for f in self.folders if f != folder])
-        process = start_process(lambda: take(place, arriving), self._log())
-        time.sleep(self.rng.uniform(0, 0.3 * self.seconds))
-        for file in other.iterdir():
-            new = arriving / f".{file.name}"
-            shutil.copy2(file, new)
-            new.replace(arriving / file.name)
-        return 1, int(not ended(process))
+        done = threading.Event()
+        pauses = [self.rng.uniform(0, self.ingest_s) for _ in range(100)]
+
+        def swap() -> None:
+            for number, pause in enumerate(pauses):
+                if done.wait(pause):
+                    break
+                _replace(arriving, (other, folder)[number % 2])
+
+        process = start_process(lambda: taken_in(place, arriving), self.log())
+        swapper = threading.Thread(target=swap)
+        swapper.start()
+        well = ended(process)
+        done.set()
+        swapper.join()
+        return 1, int(not well)
 
     def _one_without_mlflow(self, place: Workspace, folder: Path) -> tuple[int, int]:
         def attempt(uri: str | None) -> None:
@@ -268,14 +307,14 @@ class Storm:
                 os.environ["MLFLOW_TRACKING_URI"] = uri
             take(place, folder)
 
-        away = ended(start_process(lambda: attempt(NOBODY_THERE), self._log()))
+        away = ended(start_process(lambda: attempt(NOBODY_THERE), self.log()))
         waiting = bool(Ledger(place.ledger).not_logged())
-        back = ended(start_process(lambda: attempt(None), self._log()))
+        back = ended(start_process(lambda: attempt(None), self.log()))
         if Ledger(place.ledger).not_logged():
-            raise RuntimeError(f"MLflow is back and has not got every iteration:\n{self._log().read_text()[-2000:]}")
+            raise RuntimeError(f"MLflow is back and has not got every iteration:\n{self.log().read_text()[-2000:]}")
         return 1, int(waiting or not (away and back))
 
-    def _log(self) -> Path:
+    def log(self) -> Path:
         return self.root / "attempts.log"
 
 
@@ -313,6 +352,64 @@ def promotions(place: Workspace, machine: str, count: int, rng: random.Random, l
         doubled += len(history) - len({r.hash for r in history})
     whole &= ended(start_process(swap, log))  # the next decision needs no hand work
     return Outcome("kill -9 of a promotion", hits, hits, lost, doubled, whole)
+
+
+def taken_in(place: Workspace, folder: Path) -> None:
+    """One part through one iteration; raises where it was left alone because it was not at rest."""
+    answer = plain.run(place, [folder], None, silent)
+    if not answer["done"]:
+        raise RuntimeError("not at rest")
+
+
+def from_inbox(place: Workspace, arrived: Path) -> None:
+    """One part out of the inbox; raises where it was not taken. What is refused is on record as rejected."""
+    answer = plain.run(place, [arrived], None, silent, from_inbox=True)
+    if answer["rejected"]:
+        raise RuntimeError(answer["rejected"][0]["reason"])
+
+
+def _delivered(place: Workspace, folder: Path) -> Path:
+    """A copy of the part in the inbox; one that is there still stays as it is."""
+    arrived = place.inbox / folder.name
+    if not arrived.exists():
+        shutil.copytree(folder, arrived)
+    return arrived
+
+
+def _replace(folder: Path, by: Path) -> None:
+    """File by file, each by rename."""
+    new = [(shutil.copy2(file, folder.parent / f"{by.name}-{file.name}"), folder / file.name) for file in by.iterdir()]
+    for source, target in new:
+        Path(source).replace(target)
+
+
+def _decide(place: Workspace, machine: str) -> None:
+    """Back to the champion before, or forth to the newest version that may be promoted, if there is any."""
+    passed = [v.version for v in Ledger(place.ledger).versions(machine) if v.gate.get("passed")]
+    now = promotion.champion(place, machine)
+    if now is not None and len({r.version for r in promotion.history(place, machine)}) > 1:
+        promotion.rollback(place, machine, by="chaos", reason="back")
+    elif passed:
+        promotion.approve(place, machine, passed[-1], by="chaos", reason="forth")
+
+
+@contextmanager
+def clock_that_jumps(rng: random.Random) -> Iterator[None]:
+    """Every question for the time of day is answered with another year."""
+
+    class Jumping(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.now(tz) + timedelta(days=rng.uniform(-10_000, 10_000))
+
+    real, real_ns, named = time.time, time.time_ns, promotion.datetime
+    time.time = lambda: real() + rng.uniform(-30, 30) * YEAR_S
+    time.time_ns = lambda: real_ns() + int(rng.uniform(-30, 30) * YEAR_S * 1e9)
+    promotion.datetime = Jumping
+    try:
+        yield
+    finally:
+        time.time, time.time_ns, promotion.datetime = real, real_ns, named
 
 
 def take(place: Workspace, folder: Path) -> None:
@@ -372,23 +469,70 @@ def ended(process: int) -> bool:
 
 def table(found: Sequence[Outcome]) -> str:
     """The outcomes as text."""
-    lines = [f"{'fault':<26}{'faults':>7}{'cut off':>9}{'lost':>6}{'doubled':>9}  same as undisturbed"]
+    lines = [f"{'fault':<28}{'faults':>7}{'cut off':>9}{'lost':>6}{'doubled':>9}  same as undisturbed"]
     lines += [
-        f"{o.kind:<26}{o.faults:>7}{o.cut_off:>9}{o.lost:>6}{o.doubled:>9}  {'yes' if o.same else 'NO'}" for o in found
+        f"{o.kind:<28}{o.faults:>7}{o.cut_off:>9}{o.lost:>6}{o.doubled:>9}  {'yes' if o.same else 'NO'}" for o in found
     ]
     lines.append(
-        f"{'all':<26}{sum(o.faults for o in found):>7}{sum(o.cut_off for o in found):>9}"
+        f"{'all':<28}{sum(o.faults for o in found):>7}{sum(o.cut_off for o in found):>9}"
         f"{sum(o.lost for o in found):>6}{sum(o.doubled for o in found):>9}  "
         f"{'yes' if all(o.same for o in found) else 'NO'}"
     )
     return "\n".join(lines)
 
 
+class Undisturbed:
+    """The same parts and decisions one after another, without servers and faults."""
+
+    def __init__(self, place: Workspace, machine: str, log: Path) -> None:
+        self.place, self.machine, self._log = place, machine, log
+
+    def __call__(self, what: Path | tuple[str, ...]) -> dict[str, Any]:
+        """Do it, and tell the state afterwards."""
+        from benchmarks.plant_chaos import full_state
+
+        def attempt() -> None:
+            if isinstance(what, Path):
+                take(self.place, what)
+            elif what[0] == "rollback":
+                promotion.rollback(self.place, self.machine, by="chaos", reason="kills")
+            else:
+                promotion.approve(self.place, self.machine, int(what[1]), by="chaos", reason="kills")
+
+        if not ended(start_process(attempt, self._log)):
+            raise RuntimeError(f"{what} without a fault did not end well:\n{self._log.read_text()[-2000:]}")
+        return full_state(self.place, self.machine)
+
+
+def in_a_plant(storm: Storm, folders: Sequence[Path], kills: int) -> list[Outcome]:
+    """The services of a plant killed `kills` times each during iterations, and again during promotions."""
+    from benchmarks.plant_chaos import VICTIMS, Plant, victims_of, zombies
+
+    undisturbed = Undisturbed(storm.workspace(), storm.machine, storm.log())
+    seeds, coming = list(folders[: -len(VICTIMS) - 1]), list(folders[-len(VICTIMS) - 1 :])
+    for folder in seeds:
+        undisturbed(folder)
+        last = Ledger(undisturbed.place.ledger).versions(storm.machine)[-1]
+        if last.gate.get("passed"):
+            undisturbed(("approve", str(last.version)))
+    if len(promotion.history(undisturbed.place, storm.machine)) < 2:
+        raise RuntimeError("too few versions passed their gate to promote and roll back")
+    folder = storm.root / "faulty"
+    shutil.copytree(undisturbed.place.root, folder / "workspace")
+    with Plant(folder, storm.root / "plant.log") as plant, plant.as_client():
+        say = lambda line: click.echo(line, err=True)  # noqa: E731
+        found = victims_of(plant, storm.machine, coming, undisturbed, kills, storm.rng, say)
+        found.append(zombies(plant))
+    left = plant.left()
+    return [*found, Outcome("left after the plant's end", 0, 0, 0, len(left), not left)]
+
+
 @click.command()
-@click.option("--faults", type=click.IntRange(min=8), default=216, show_default=True, help="in all, about")
+@click.option("--faults", type=click.IntRange(min=8), default=216, show_default=True, help="without a plant, about")
+@click.option("--kills", type=click.IntRange(min=0), default=4, show_default=True, help="per service of a plant, twice")
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--rows", type=int, default=400, show_default=True, help="samples per part")
-def main(faults: int, seed: int, rows: int) -> None:
+def main(faults: int, kills: int, seed: int, rows: int) -> None:
     """Cause faults and print what became of them; exit code 1 if anything was lost, doubled or different.
 
     \b
@@ -399,8 +543,9 @@ def main(faults: int, seed: int, rows: int) -> None:
     with tempfile.TemporaryDirectory(prefix="pido-chaos-") as temporary:
         root = Path(temporary)
         root.chmod(0o755)
-        short = [part.rows(slice(0, rows)) for part in made_up(3)]
-        storm = Storm(root, [write_folder(p, root / p.part.part) for p in short], short[0].part.machine, seed)
+        short = [part.rows(slice(0, rows)) for part in made_up(11)]
+        folders = [write_folder(p, root / p.part.part) for p in short]
+        storm = Storm(root, folders[:3], short[0].part.machine, seed)
         click.echo(f"an undisturbed iteration takes {storm.seconds:.2f} s", err=True)
         share = faults / 8
         kinds = [
@@ -412,6 +557,12 @@ def main(faults: int, seed: int, rows: int) -> None:
         for cause, count in kinds:
             found.append(cause(max(1, round(count))))
             click.echo(f"{found[-1].kind}: {'clean' if found[-1].clean else 'NOT CLEAN'}", err=True)
+        if kills:
+            try:
+                postgres.programs()
+                found += in_a_plant(storm, folders, kills)
+            except SettingsError as error:
+                click.echo(f"no plant: {error}", err=True)
         click.echo(table(found))
     sys.exit(0 if all(o.clean for o in found) else 1)
 

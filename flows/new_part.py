@@ -21,7 +21,7 @@ from prefect.cache_policies import NO_CACHE
 from flows.diagnose import due
 from flows.submit import alive, ask_diagnosis
 from pido import parts, production
-from pido.core.errors import PidoError
+from pido.core.errors import PidoError, UnavailableError
 from pido.tracking.figures import markdown
 from pido.workspace import Workspace
 
@@ -29,7 +29,7 @@ from pido.workspace import Workspace
 def _worth_another_try(task: Any, run: Any, state: Any) -> bool:
     """Whether a failed stage may succeed when it is done again: not for input, settings or decisions."""
     failure = state.result(raise_on_failure=False)
-    return not isinstance(failure, PidoError)
+    return not isinstance(failure, PidoError) or isinstance(failure, UnavailableError)
 
 
 _STAGE: dict[str, Any] = {
@@ -59,7 +59,7 @@ def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str,
         try:
             arrived = ingest(workspace, path, machine)
         except PidoError as error:
-            if not isinstance(error, parts.Changed):
+            if not isinstance(error, parts.Changed | UnavailableError):
                 parts.reject(place, Path(path), str(error), move=True)
             raise
         outcome = iteration(workspace, arrived["machine"], arrived["part"])

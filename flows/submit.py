@@ -32,6 +32,10 @@ DIAGNOSIS = "diagnose/newest"
 WAITING = [StateType.SCHEDULED, StateType.PENDING]
 LIVE = [*WAITING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
 SILENT = timedelta(seconds=30)
+STARTING = timedelta(seconds=75)
+"""A run that is about to start has no process of its own yet; for longer than this it takes none."""
+AWAY = (HTTPError, PrefectException, OSError, RuntimeError)
+"""What is raised where Prefect's server is away, or goes away while it is asked."""
 
 
 def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
@@ -64,7 +68,7 @@ def ask_diagnosis(workspace: str, machine: str) -> str:
             run_deployment(DIAGNOSIS, parameters=parameters, tags=[tag], timeout=0, as_subflow=False)
     except ObjectNotFound:
         return f"no worker serves {DIAGNOSIS}"
-    except (PrefectException, HTTPError, OSError, RuntimeError) as error:
+    except AWAY as error:
         return f"Prefect cannot be asked ({error})"
     return ""
 
@@ -73,19 +77,23 @@ def ask_diagnosis(workspace: str, machine: str) -> str:
 def alive(workspace: Workspace) -> Iterator[None]:
     """Around all that a flow does: the lock that tells `sweep` that this run has a process."""
     with workspace.lock(f"run {flow_run.id}"):
-        yield
+        try:
+            yield
+        finally:
+            workspace.forget(f"run {flow_run.id}")
 
 
 def sweep(workspace: Workspace) -> int:
-    """Set runs to Crashed that say Running but have no process: nobody holds the lock that a run takes at its start.
-
-    Returns how many. A run that has just started is left alone for a while.
+    """Set runs to Crashed that say they have a process and have none: nobody holds the lock that a run takes at its
+    start. Returns how many. A run that has just started, or is about to, is left alone for a while.
     """
     dead = 0
     with get_client(sync_client=True) as client:
-        for run in _runs(None, [StateType.RUNNING], client):
-            started = run.start_time or run.expected_start_time or datetime.now(UTC)
-            if datetime.now(UTC) - started > SILENT and not workspace.locked(f"run {run.id}"):
+        for run in _runs(None, [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING], client):
+            assert run.state is not None
+            patience = STARTING if run.state.type == StateType.PENDING else SILENT
+            since = datetime.now(UTC) - run.state.timestamp
+            if since > patience and not workspace.locked(f"run {run.id}"):
                 client.set_flow_run_state(run.id, Crashed(message="its process is gone"), force=True)
                 log.warning("run %s had no process any more: set to Crashed", run.name)
                 dead += 1

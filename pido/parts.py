@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,18 +45,28 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     """
     workspace = Workspace.open(root)
     ledger, store, place = Ledger(workspace.ledger), Store(workspace.store), Path(path)
-    key = arrival_digest(place)
+    untouched, key = _marks(place), arrival_digest(place)
     known = ledger.arrival(key)
     if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
         entry = entry_of(workspace, known.part)
         return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": False}
-    recording = _read(place, machine or workspace.settings.machine)
-    _check(recording, workspace, place)
     from pido.store.content import digest
 
-    samples = _samples(workspace, recording, digest(recording))
-    if arrival_digest(place) != key:
-        raise Changed(f"{place}: was changed while it was read; it is taken when it has come to rest.")
+    def at_rest() -> bool:
+        # The marks too: what was replaced and put back again has its old bytes, and was perhaps read in between.
+        return _marks(place) == untouched and arrival_digest(place) == key
+
+    changed = Changed(f"{place}: was changed while it was read; it is taken when it has come to rest.")
+    try:
+        recording = _read(place, machine or workspace.settings.machine)
+        _check(recording, workspace, place)
+        samples = _samples(workspace, recording, digest(recording))
+    except PidoError:
+        if at_rest():
+            raise
+        raise changed from None  # half of one and half of the other is no reason to reject either
+    if not at_rest():
+        raise changed
     entry = store.add(recording, source=place.name)
     save_samples(samples, samples_path(workspace, entry.digest))
     ledger.took(key, place.name, entry.digest)
@@ -160,6 +171,16 @@ def recipe_of(workspace: Workspace) -> Recipe:
     """The method and the models that the settings ask for."""
     method = workspace.settings.method
     return Recipe(method.build(), method.estimators, method.inputs)
+
+
+def _marks(path: Path) -> list[tuple[str, int, int, int]]:
+    """Name, inode and times of all that arrived: whatever writes, replaces or renames a file changes them."""
+    found = []
+    for file in sorted([path, *path.rglob("*")]):
+        with suppress(FileNotFoundError):  # gone meanwhile: a change as well
+            s = file.lstat()
+            found.append((str(file), s.st_ino, s.st_mtime_ns, s.st_ctime_ns))
+    return found
 
 
 def _read(path: Path, machine: str | None) -> Recording:

@@ -11,7 +11,7 @@ from typing import Any
 
 from pido import parts, production
 from pido.arrivals import production_order
-from pido.core.errors import PidoError
+from pido.core.errors import PidoError, UnavailableError
 from pido.workspace import Workspace
 
 Progress = Callable[[int, int, str], None]
@@ -30,6 +30,8 @@ def run(
 
     from_inbox : arrivals are moved away when they are done, or into the rejected area; else files stay where they are
     patient : what cannot be read may still be on its way (a slow copy that paused): leave it for a later look
+
+    Raises UnavailableError or OSError where the workspace cannot be read or written now: nothing is rejected for that.
     """
     root = str(workspace.root)
     done: list[dict[str, Any]] = []
@@ -42,6 +44,8 @@ def run(
             arrived = parts.ingest(root, str(path), machine)
         except parts.Changed:
             continue  # seen again when it has come to rest
+        except UnavailableError:
+            raise  # the disk's fault, not the part's
         except PidoError as error:
             if patient:
                 continue

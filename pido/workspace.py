@@ -34,7 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat
 
 from pido import __version__
 from pido.config import MethodSettings, load_job, parse, read_toml
-from pido.core.errors import SettingsError, StoreError
+from pido.core.errors import SettingsError, StoreError, UnavailableError
 from pido.core.files import write_atomically
 from pido.core.machining import Job, MeshStock
 from pido.core.names import file_name
@@ -238,14 +238,18 @@ class Workspace:
         try:
             with self.lock(name, timeout_s=0.0):
                 return False
-        except StoreError:
+        except UnavailableError:
             return True
+
+    def forget(self, name: str) -> None:
+        """Remove the file of a lock that nobody will take again; its holder calls this."""
+        (self.root / "locks" / f"{file_name(name)}.lock").unlink(missing_ok=True)
 
     @contextmanager
     def lock(self, machine: str, timeout_s: float | None = None) -> Iterator[None]:
         """One writer per machine at a time. The kernel frees it when its holder dies, however it dies.
 
-        Raises StoreError after `timeout_s`; None waits as long as it takes.
+        Raises UnavailableError after `timeout_s`; None waits as long as it takes.
         """
         path = self.root / "locks" / f"{file_name(machine)}.lock"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -257,7 +261,7 @@ class Workspace:
                     break
                 except BlockingIOError:
                     if deadline is not None and time.monotonic() >= deadline:
-                        raise StoreError(
+                        raise UnavailableError(
                             f"{self.root}: machine '{machine}' is in use by another run for over {timeout_s:g} s. "
                             "Wait for it, or look what holds it (`pido status`)."
                         ) from None

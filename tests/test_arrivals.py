@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -14,10 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from plain_parts import parts as made_up
 
+from pido import parts
 from pido.arrivals import Inbox, production_order
-from pido.core.errors import StoreError
+from pido.core.errors import StoreError, UnavailableError
 from pido.plain import run
 from pido.recordings.folder import write_folder
+from pido.store import Store
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace, arrival_digest
 
@@ -139,3 +142,52 @@ def test_a_watched_inbox_is_emptied_each_part_counted_once_and_bad_input_put_asi
     assert list((root / "inbox").iterdir()) == []
     assert len(Ledger(workspace.ledger).parts("cmx600v")) == 1
     assert [a.name for a in Ledger(workspace.ledger).rejections()] == ["torn.json"]
+
+
+def one_part(tmp_path: Path) -> tuple[Workspace, Path]:
+    workspace = Workspace.open(tmp_path / "plant")
+    (workspace.root / "workspace.toml").write_text("compare = false\n[method]\nadaptive = false\n")
+    part = next(iter(made_up(1))).rows(slice(0, 400))
+    return Workspace.open(workspace.root), write_folder(part, workspace.inbox / part.part.part)
+
+
+def test_a_part_is_not_rejected_for_a_fault_of_the_disk(tmp_path):
+    workspace, arrived = one_part(tmp_path)
+    workspace.ledger.write_bytes(b"what a failing disk has left " * 100)
+    with pytest.raises(UnavailableError, match="damaged"):
+        run(workspace, [arrived], None, lambda *about: None, from_inbox=True)
+    workspace.ledger.unlink()
+    assert arrived.exists()
+    assert run(workspace, [arrived], None, lambda *about: None, from_inbox=True)["done"]
+
+
+def test_a_ledger_whose_making_was_cut_off_is_finished_by_the_next_one(tmp_path):
+    (tmp_path / "ledger.db").touch()
+    assert Ledger(tmp_path / "ledger.db").machines() == []
+
+
+@pytest.mark.parametrize("comes_back", [True, False])
+def test_what_is_replaced_while_it_is_read_is_left_until_it_rests(tmp_path, monkeypatch, comes_back):
+    workspace, arrived = one_part(tmp_path)
+    other = write_folder(list(made_up(2))[1].rows(slice(0, 400)), tmp_path / "other" / "part")
+    mine = write_folder(next(iter(made_up(1))).rows(slice(0, 400)), tmp_path / "mine" / "part")
+
+    def bring(files: Path) -> None:
+        for file in files.iterdir():
+            shutil.copy2(file, arrived.parent / ".new").replace(arrived / file.name)
+
+    real = parts._read
+
+    def read(path: Path, machine: str | None):
+        bring(other)  # just then
+        try:
+            return real(path, machine)
+        finally:
+            if comes_back:
+                bring(mine)
+
+    monkeypatch.setattr(parts, "_read", read)
+    answer = run(workspace, [arrived], None, lambda *about: None, from_inbox=True)
+    assert answer == {"done": [], "rejected": [], "fault": ""}
+    assert arrived.exists()
+    assert Store(workspace.store).entries() == ()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -40,7 +42,6 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     pido watch plant/inbox --workspace plant
     pido watch plant/inbox --workspace plant --once
     """
-    from pido import production
     from pido.arrivals import Inbox
     from pido.workspace import Workspace
 
@@ -60,7 +61,7 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
         arrived, waiting = watched.look()
         take(arrived)
         if due():
-            production.log(str(workspace.root))  # what MLflow missed while it was away
+            _tell_mlflow(workspace)
         if once and not waiting and not any(path.path.exists() for path in arrived):
             return
         soon = waiting or any(path.path.exists() for path in arrived)
@@ -125,6 +126,15 @@ def _every(seconds: float) -> Callable[[], bool]:
         return True
 
     return due
+
+
+def _tell_mlflow(workspace: Workspace) -> None:
+    """What MLflow missed while it was away; in a process of its own, for a watcher stays small for months."""
+    from pido.tracking.mirror import up_to_date
+
+    if not up_to_date(workspace):
+        call = [sys.executable, "-c", "import sys; from pido.production import log; log(sys.argv[1])"]
+        subprocess.run([*call, str(workspace.root)], check=False)
 
 
 def _listen(inbox: Path, stirred: threading.Event) -> None:

@@ -28,6 +28,10 @@ class StoreError(PidoError):
     """A store that is damaged, locked, or asked for what it does not hold."""
 
 
+class UnavailableError(StoreError):
+    """A disk, database or lock that does not do its work now. What was asked for is not at fault: ask again later."""
+
+
 class FitError(PidoError):
     """An equation or model that cannot be fitted on what was given."""
 

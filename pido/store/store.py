@@ -21,7 +21,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from pido.core.errors import StoreError
+from pido.core.errors import StoreError, UnavailableError
 from pido.core.files import replacing
 from pido.core.names import file_name
 from pido.core.recording import Recording
@@ -173,7 +173,7 @@ class Store:
                 index.execute(_SCHEMA)
                 yield index
         except sqlite3.DatabaseError as error:
-            raise StoreError(f"{self._index}: {error}. If it is damaged, restore it from the backup.") from None
+            raise UnavailableError(f"{self._index}: {error}. If it is damaged, restore it from the backup.") from None
 
 
 def _free_names(area: Path, name: str) -> Iterator[Path]:

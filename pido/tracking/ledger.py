@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pido.core.errors import StoreError
+from pido.core.errors import UnavailableError
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS arrivals(
@@ -75,9 +75,10 @@ class Ledger:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with self._open() as db:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with self._open() as db:
+            # Not whether there is a file: who made it may have died, or found the disk full, before its last table.
+            if db.execute("SELECT 1 FROM sqlite_master WHERE name = 'versions'").fetchone() is None:
                 db.execute("PRAGMA journal_mode=WAL")
                 db.executescript(_SCHEMA)
 
@@ -91,12 +92,12 @@ class Ledger:
             finally:
                 db.close()
         except sqlite3.OperationalError as error:
-            raise StoreError(
+            raise UnavailableError(
                 f"{self.path}: the ledger cannot be read or written ({error}). Nothing was changed. "
                 "Check free space and permissions of the workspace."
             ) from error
         except sqlite3.DatabaseError as error:
-            raise StoreError(
+            raise UnavailableError(
                 f"{self.path}: the ledger is damaged ({error}). Bring it back from a backup; the store is safe."
             ) from error
 

@@ -26,7 +26,7 @@ from pido.tracking import model_files, report_files
 from pido.tracking.bundle import Bundle, load
 from pido.tracking.figures import figures, markdown, table
 from pido.tracking.ledger import Iteration, Ledger
-from pido.tracking.mirror import reconcile
+from pido.tracking.mirror import behind, reconcile
 from pido.tracking.mlflow_store import client, experiment, model_names, not_installed
 from pido.tracking.report_files import RunFiles
 from pido.workspace import Workspace
@@ -45,12 +45,15 @@ def log_pending(workspace: Workspace) -> int:
     Returns how many were logged. Raises whatever MLflow raises when it cannot be reached; nothing is lost by that.
     """
     ledger = Ledger(workspace.ledger)
-    pending = ledger.not_logged()
+    # One at a time: a second one would take the first one's unfinished run for what a kill has left.
+    with workspace.lock("log"):
+        pending = ledger.not_logged()
+        for iteration in pending:
+            ledger.logged(iteration.run_key, log_iteration(workspace, iteration))
     machines = {iteration.machine for iteration in pending}
-    for iteration in pending:
-        ledger.logged(iteration.run_key, log_iteration(workspace, iteration))
-    for machine in sorted(machines):
-        reconcile(workspace, machine)
+    for machine in ledger.machines():
+        if machine in machines or behind(workspace, machine):
+            reconcile(workspace, machine)
     return len(pending)
 
 

@@ -8,11 +8,15 @@ Doing it twice changes nothing; a promoter that died half way is put right by th
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pido.core.files import write_atomically
+from pido.core.names import file_name
+from pido.tracking.ledger import Ledger
 from pido.tracking.mlflow_store import client, model_names, not_installed
 from pido.tracking.promotion import history, standings
-from pido.workspace import Workspace
+from pido.workspace import Workspace, digest_of
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -23,6 +27,27 @@ ALIASES = ("champion", "challenger")
 
 def reconcile(workspace: Workspace, machine: str) -> None:
     """Make MLflow say what the workspace says. Raises what MLflow raises when it cannot be reached."""
+    with workspace.lock(f"mirror {machine}"):
+        # Read inside the lock: of two that come at once, the later one brings the newer state.
+        _follow(workspace, machine)
+
+
+def behind(workspace: Workspace, machine: str) -> bool:
+    """Whether a version or decision has changed since MLflow was last told. No server is asked."""
+    try:
+        return _mark(workspace, machine).read_text(encoding="utf-8") != _state(workspace, machine)
+    except FileNotFoundError:
+        return True
+
+
+def up_to_date(workspace: Workspace) -> bool:
+    """Whether MLflow has been told every iteration and every decision. No server is asked."""
+    ledger = Ledger(workspace.ledger)
+    return not ledger.not_logged() and not any(behind(workspace, machine) for machine in ledger.machines())
+
+
+def _follow(workspace: Workspace, machine: str) -> None:
+    told = _state(workspace, machine)
     states = {str(s.version.version): s for s in standings(workspace, machine)}
     decided = {str(r.version): r for r in history(workspace, machine)}
     with client(workspace) as store:
@@ -38,6 +63,7 @@ def reconcile(workspace: Workspace, machine: str) -> None:
             for alias in ALIASES:
                 holder = [n for n, s in states.items() if s.state == alias and n in found]
                 _point(store, name, alias, found[holder[-1]].version if holder else None)
+    write_atomically(_mark(workspace, machine), told)
 
 
 def try_reconcile(workspace: Workspace, machine: str) -> str:
@@ -52,6 +78,17 @@ def try_reconcile(workspace: Workspace, machine: str) -> str:
         log.warning("MLflow's aliases of %s are not up to date: %s", machine, error)
         return str(error).splitlines()[0]
     return ""
+
+
+def _mark(workspace: Workspace, machine: str) -> Path:
+    return workspace.registry / file_name(machine) / "mirrored"
+
+
+def _state(workspace: Workspace, machine: str) -> str:
+    """Digest of what MLflow is to say, and of where."""
+    versions = [(s.version.version, s.state) for s in standings(workspace, machine)]
+    decisions = [r.hash for r in history(workspace, machine)]
+    return digest_of([workspace.tracking_uri, versions, decisions])
 
 
 def _tag(store: MlflowClient, name: str, version, tags: dict[str, str]) -> None:

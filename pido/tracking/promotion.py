@@ -15,6 +15,7 @@ import hashlib
 import hmac
 import json
 import os
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -90,7 +91,7 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
     or the credential is wrong.
     """
     check_person(workspace, by, reason)
-    with workspace.lock(machine, timeout_s=30.0):
+    with _deciding(workspace, machine):
         _recover(workspace, machine)
         found = _version(workspace, machine, version)
         now = champion(workspace, machine)
@@ -110,7 +111,7 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
 def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
     """Refuse `version` for good. The champion is not rejected but rolled back."""
     check_person(workspace, by, reason)
-    with workspace.lock(machine, timeout_s=30.0):
+    with _deciding(workspace, machine):
         _recover(workspace, machine)
         found = _version(workspace, machine, version)
         now = champion(workspace, machine)
@@ -127,7 +128,7 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
 def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Record:
     """Put the champion before the present one back in force; called again, the one before that."""
     check_person(workspace, by, reason)
-    with workspace.lock(machine, timeout_s=30.0):
+    with _deciding(workspace, machine):
         _recover(workspace, machine)
         stack: list[int] = []
         for record in history(workspace, machine):
@@ -140,6 +141,11 @@ def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Rec
         found = _version(workspace, machine, stack[-2])
         verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "rollback", found, by, reason)
+
+
+def _deciding(workspace: Workspace, machine: str) -> AbstractContextManager[None]:
+    """One decision at a time. Not the iteration's lock: a rollback does not wait until models are trained."""
+    return workspace.lock(f"decisions {machine}", timeout_s=30.0)
 
 
 def _put_in_force(workspace: Workspace, action: str, version: Version, by: str, reason: str) -> Record:

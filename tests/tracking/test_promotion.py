@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import resource
 import subprocess
@@ -180,3 +181,24 @@ def test_status_names_champion_challenger_and_rejected_versions(workspace):
 def test_a_record_is_bound_to_its_content():
     record = audit.Record(1, "approve", "m", 1, "b", "A", "r", "2026-01-01", audit.GENESIS).sealed()
     assert dataclasses.replace(record, reason="other").sealed().hash != record.hash
+
+
+def test_a_decision_does_not_wait_for_an_iteration_of_the_machine(workspace):
+    with workspace.lock(MACHINE):
+        assert decide(promotion.approve, workspace, 1).version == 1
+
+
+def test_decisions_that_come_at_once_are_all_on_record_one_after_another(workspace):
+    call = "import sys; from pido.workspace import Workspace; from pido.tracking import promotion\n"
+    call += "place = Workspace.open(sys.argv[1])\n"
+    call += f"for n in (1, 2, 3) * 5: promotion.approve(place, {MACHINE!r}, n, by=sys.argv[2], reason='at once')"
+    people = [
+        subprocess.Popen([sys.executable, "-c", call, str(workspace.root), name], stderr=subprocess.PIPE)
+        for name in ("A. Ito", "B. Ruiz", "C. Okafor")
+    ]
+    faults = [person.communicate()[1] for person in people]
+    assert [person.returncode for person in people] == [0, 0, 0], faults
+    log = promotion.history(workspace, MACHINE)
+    assert [r.number for r in log] == list(range(1, len(log) + 1))
+    assert all(a.version != b.version for a, b in itertools.pairwise(log)), "the champion is not approved again"
+    assert promotion.champion(workspace, MACHINE) == log[-1]
