@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from bokeh.models import ColorBar, ColumnDataSource, FactorRange, LinearColorMapper
+from bokeh.models import ColorBar, ColumnDataSource, FactorRange, FixedTicker, LinearColorMapper
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 from bokeh.transform import factor_cmap, transform
 
 from pido.core.axes import AXES
-from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
+from pido.reports.page import COLOURS, Page, Section, Table, number, signal_figure, thin, with_pauses
 from pido.tracking.report_files import RunFiles
 
 TRAINED = ("real", "pia", "pie", "both")
@@ -30,6 +30,8 @@ LABEL = {
 }
 COLOUR = {"rival": "#999999", "real": "#56B4E9", "pia": "#009E73", "pie": "#CC79A7", "both": "#D55E00"}
 MOST_GENERATED = 3000
+MOST_NAMED = 8
+"""Parts whose name stands under a plot."""
 
 _Measured = dict[str, dict[str, float | None]]
 
@@ -54,21 +56,23 @@ def iteration_page(files: RunFiles, version: int | None = None, history: Sequenc
 
 
 def verdict(summary: dict[str, Any]) -> str:
-    """Did it get better, and may it go into force: in two sentences."""
+    """How wrong the models were on a new part, whether generated rows helped, and whether they may go into force."""
     measured: dict[str, _Measured] = summary["metrics"]
     if not measured:
         said = "First part of this machine: nothing was known before it, so nothing can be compared yet."
     else:
-        changes = []
-        for axis in (a for a in AXES if a in measured):
-            both, real = _rmse(measured[axis], "both"), _rmse(measured[axis], "real")
-            name, rival = best_rival(measured[axis])
-            text = f"{axis} {number(both)} A"
-            if np.isfinite(real) and real > 0:
-                text += f" ({_change(both, real)} against real only"
-                text += f", {_change(both, rival)} against {name})" if name else ")"
-            changes.append(text)
-        said = "Error on the new part, before it was learnt from: " + "; ".join(changes) + "."
+        axes = [a for a in AXES if a in measured]
+        errors = ", ".join(f"{axis} {number(_rmse(measured[axis], 'both'))} A" for axis in axes)
+        said = f"Error (RMSE) of the predicted currents on this part, which the models had not seen: {errors}."
+        changes = {a: _rmse(measured[a], "both") / _rmse(measured[a], "real") - 1 for a in axes}
+        helped = [f"{axis} ({change:+.0%})" for axis, change in changes.items() if change <= -0.01]
+        harmed = [f"{axis} ({change:+.0%})" for axis, change in changes.items() if change >= 0.01]
+        if helped or harmed:
+            said += " Against recorded rows alone, generated rows made it " + " and ".join(
+                f"{word} on {', '.join(those)}" for word, those in (("smaller", helped), ("larger", harmed)) if those
+            ) + "."  # fmt: skip
+        elif np.isfinite(list(changes.values())).any():
+            said += " Generated rows changed it by less than 1 %."
     gate = summary["gate"]
     return f"{said} The gate {'is passed' if gate.get('passed') else 'is not passed'}: this version " + (
         "may be approved." if gate.get("passed") else "is not offered for approval."
@@ -119,8 +123,10 @@ def _better(measured: dict[str, _Measured]) -> Section:
     plot.y_range.update(start=0, end=1.6 * max([*own, 100.0]))
     head = ["axis", "best trivial rival, A", *(f"{LABEL[k]}, A" for k in TRAINED), "PiDO against real only", "R²"]
     text = [
-        "RMSE per axis. Every model had seen the earlier parts only, and none this one. A grey bar that reaches "
-        "the top of the plot goes on: its number stands in the table."
+        "RMSE per axis. Every model had seen the earlier parts only, and none this one. PiA adds recorded rows that "
+        "were shifted a little, PiE rows that the physical equation predicts, both only where the coming part needs "
+        "them. The trivial rival is the best of a constant, a friction line and a nearest neighbour. A grey bar that "
+        "reaches the top of the plot goes on: its number stands in the table."
     ]
     return Section("Did it get better?", text, Table(head, rows), [plot])
 
@@ -135,6 +141,9 @@ def _course(history: Sequence[dict[str, Any]]) -> Section:
             continue
         plot = signal_figure(f"Axis {axis}", "part, in the order of arrival", "RMSE, A", 240)
         x = np.arange(1, len(summaries) + 1)
+        named = x[:: max(1, len(x) // MOST_NAMED)].tolist()
+        plot.xaxis.ticker = FixedTicker(ticks=named)
+        plot.xaxis.major_label_overrides = {at: names[at - 1] for at in named}
         for kind, dash in (("rival", "dotted"), ("real", "dashed"), ("both", "solid")):
             y = [
                 best_rival(s["metrics"].get(axis, {}))[1]
@@ -171,7 +180,7 @@ def _arriving(trace: pd.DataFrame) -> Section:
             if f"{kind}_{axis}" in trace:
                 lines.append((LABEL[kind], trace[f"{kind}_{axis}"], COLOUR[kind], dash))
         for label, values, colour, dash in lines:
-            x, y = extremes(time, values.to_numpy(float), 1500)
+            x, y = with_pauses(time, values.to_numpy(float), 1500)
             plot.line(x, y, color=colour, line_dash=dash, legend_label=label, line_width=1.2)
         figures.append(plot)
     text = ["Recorded current and what the models expected before the part was made. Drag to zoom."]

@@ -102,6 +102,8 @@ def signal_figure(title: str, x_label: str, y_label: str, height: int = 280) -> 
         output_backend="canvas",
     )
     plot.toolbar.logo = None
+    for axis in plot.axis:
+        axis.update(axis_label_text_font_size="13px", major_label_text_font_size="12px")
     return plot
 
 
@@ -121,6 +123,20 @@ def extremes(x: Float1D, y: Float1D, most: int = MOST_POINTS) -> tuple[Float1D, 
     high = [a + int(np.argmax(filled[a:b])) for a, b in itertools.pairwise(edges)]
     keep = np.unique([*low, *high])
     return x[keep], y[keep]
+
+
+def with_pauses(x: Float1D, y: Float1D, most: int = MOST_POINTS) -> tuple[Float1D, Float1D]:
+    """`extremes`, broken where x jumps: a line across a pause would show what nobody recorded.
+
+    >>> with_pauses(np.array([0.0, 1.0, 2.0, 50.0, 51.0]), np.arange(5.0))[1].tolist()
+    [0.0, 1.0, 2.0, nan, 3.0, 4.0]
+    """
+    step = np.diff(x)
+    before = np.flatnonzero(step > 10 * np.median(step)) if len(step) else np.empty(0, int)
+    middle = (x[before] + x[before + 1]) / 2
+    x, y = extremes(x, y, most)
+    place = np.searchsorted(x, middle)
+    return np.insert(x, place, middle), np.insert(y, place, np.nan)
 
 
 def number(value: float, digits: int = 3) -> str:

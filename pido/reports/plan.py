@@ -57,8 +57,10 @@ def plan_page(part: str, rows: list[dict[str, float]], refused: str, summary: Ma
     """The plan of one part."""
     figures = plan_figures(rows)
     verdict = (
-        f"{figures['relevant_bins']} relevant bins, {figures['bins_without_real_samples']} without a real sample; "
-        f"{figures['share_of_the_part_in_known_bins']:.0%} of the part runs where something is known."
+        f"{figures['share_of_the_part_in_known_bins']:.0%} of this part runs at speeds and removals of which "
+        f"recordings exist. Of its {figures['relevant_bins']} bins of speed and removal "
+        f"{figures['bins_without_real_samples']} hold no recorded sample; PiDO would generate "
+        f"{figures['pia_would_generate'] + figures['pie_would_generate']} rows."
     )
     plots = [
         _map("Real samples per bin, over all AR", rows, "real"),

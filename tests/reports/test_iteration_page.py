@@ -33,9 +33,10 @@ def _files(name: str = "p02", passed: bool = True) -> RunFiles:
     return RunFiles(summary, generated, bins, pd.DataFrame(trace))
 
 
-def test_the_verdict_names_the_change_against_real_only_and_the_best_rival_and_what_the_gate_says():
+def test_the_verdict_names_the_error_what_generated_rows_did_to_it_and_what_the_gate_says():
     said = verdict(_files().summary)
-    assert "x 0.75 A (-25% against real only, -62% against friction line)" in said
+    assert "x 0.75 A" in said
+    assert "generated rows made it smaller on x (-25%)." in said
     assert "may be approved" in said
     assert "not offered" in verdict(_files(passed=False).summary)
 
