@@ -37,6 +37,7 @@ VERBS = {
 EXTRAS = {
     "prefect": "servers",
     "mlflow": "servers",
+    "httpx": "servers",
     "asyncpg": "servers",
     "prefect_dask": "cluster",
     "dask": "cluster",

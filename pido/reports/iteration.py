@@ -109,7 +109,7 @@ def _better(measured: dict[str, _Measured]) -> Section:
         ])  # fmt: skip
     plot = figure(
         x_range=FactorRange(*factors, group_padding=0.8), height=320, sizing_mode="stretch_width",
-        title="Error on the new part; real only = 100 %", y_axis_label="RMSE, % of real only",
+        title="Error; real only = 100 %", y_axis_label="RMSE, % of real only",
         tools="save,hover", toolbar_location="above",
     )  # fmt: skip
     plot.toolbar.logo = None
