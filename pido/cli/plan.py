@@ -42,6 +42,7 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
     from pido.process.simulate import simulate_job
     from pido.reports.page import number, write_page
     from pido.reports.plan import plan_figures, plan_page, plan_rows
+    from pido.reports.words import of_a_run
     from pido.rows import training_rows
     from pido.store import Store
 
@@ -73,7 +74,7 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
         click.echo(json.dumps({**figures, "bins": rows}, indent=1))
         return
     for key, value in figures.items():
-        click.echo(f"{key.replace('_', ' '):<36}{number(value) if isinstance(value, float) else value}")
+        click.echo(f"{of_a_run(key):<36}{number(value) if isinstance(value, float) else value}")
     click.echo(f"\n{'v_x':>8}{'v_y':>8}{'AR':>8}{'coming':>9}{'real':>8}{'PiA':>6}{'PiE':>6}   (mm/s, mm/s, mm²)")
     for row in rows[:SHOWN]:
         click.echo(

@@ -79,8 +79,10 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
 
         click.echo(json.dumps(figures, indent=2))
     else:
+        from pido.reports.words import of_a_run
+
         for key, value in figures.items():
-            click.echo(f"{key.replace('_', ' '):<24}{value:g}" if isinstance(value, float) else f"{key:<24}{value}")
+            click.echo(f"{of_a_run(key):<32}{f'{value:g}' if isinstance(value, float) else value}")
     for note in recording.notes:
         click.echo(note, err=True)
 

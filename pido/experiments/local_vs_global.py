@@ -127,7 +127,8 @@ def summarise(table: pd.DataFrame) -> Outcome:
     highest = max((float(bad[a].iloc[0]) for a in AXES if a in bad), default=float("nan"))
     verdict = (
         f"With each set left out, the chosen local equation changes RMSE against the global one by "
-        f"{_span(inside)} where directions are covered and {_span(outside)} where they are not; "
+        f"{_span(inside)} where directions are covered"
+        f"{f' and {_span(outside)} where they are not' if len(outside) else ''}; "
         f"on its worst set and axis it has {highest:.2f} times the error of a constant current."
     )
     return Outcome(verdict, tuple(tables), DIFFERS)

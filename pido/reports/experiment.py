@@ -27,7 +27,7 @@ def experiment_page(
     for k, (name, table, text) in enumerate(tables):
         plots = [_steps(name, table)] if {"scenario", "step"} <= set(table.columns) else []
         sections.append(
-            Section(name, text, as_table(table), [p for p in plots if p is not None], k > 2 and len(table) > 12)
+            Section(name, text, as_table(table), [p for p in plots if p is not None], k > 0 and len(table) > 12)
         )
         if k == 0 and differs:
             sections.append(Section("What differs from the paper, and why", differs))

@@ -10,11 +10,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource
-from bokeh.transform import linear_cmap
+from bokeh.models import ColorBar, ColumnDataSource, LinearColorMapper
+from bokeh.palettes import Cividis256
+from bokeh.plotting import figure
+from bokeh.transform import transform
 
 from pido.feature_space.grid import Grid
 from pido.reports.page import Page, Section, Table, number, signal_figure
+from pido.reports.words import of_a_run
 from pido.sampling.optimise import Report
 
 
@@ -63,8 +66,8 @@ def plan_page(part: str, rows: list[dict[str, float]], refused: str, summary: Ma
         f"{figures['pia_would_generate'] + figures['pie_would_generate']} rows."
     )
     plots = [
-        _map("Real samples per bin, over all AR", rows, "real"),
-        _map("What PiDO would generate (PiA + PiE)", rows, "generated"),
+        _map("Recorded samples per bin, over all AR", rows, "real"),
+        _map("Rows that PiDO would generate", rows, "generated"),
     ]
     table = Table(
         ["v_x, mm/s", "v_y, mm/s", "AR, mm²", "coming", "real", "PiA", "PiE"],
@@ -73,12 +76,16 @@ def plan_page(part: str, rows: list[dict[str, float]], refused: str, summary: Ma
             for r in rows
         ],
     )
-    about = Table(["of the simulated part", ""], [[k.replace("_", " "), _shown(v)] for k, v in summary.items()])
+    about = Table(["as simulated", "value"], [[of_a_run(k), _shown(v)] for k, v in summary.items()])
     return Page(
         title=f"Plan of part {part}",
         verdict=verdict,
         sections=[
-            Section("Where", figures=plots),
+            Section(
+                "What is known, and what would be added",
+                ["A bin is a range of v_x, v_y and engaged area AR. The darker, the more; hover for the numbers."],
+                figures=plots,
+            ),
             Section("The coming part", table=about),
             Section("What the gate refused", text=refused.splitlines(), folded=True),
             Section("Every bin", table=table, folded=True),
@@ -86,7 +93,7 @@ def plan_page(part: str, rows: list[dict[str, float]], refused: str, summary: Ma
     )
 
 
-def _map(title: str, rows: list[dict[str, float]], what: str):
+def _map(title: str, rows: list[dict[str, float]], what: str) -> figure:
     """Bins in the plane of v_x and v_y, coloured by how many samples; AR summed over."""
     sums: dict[tuple[float, float], float] = {}
     for row in rows:
@@ -99,8 +106,9 @@ def _map(title: str, rows: list[dict[str, float]], what: str):
     width = float(steps.min()) if len(steps) else 1.0
     source = ColumnDataSource({"x": places[:, 0], "y": places[:, 1], "n": np.array(list(sums.values()) or [0.0])})
     highest = max(float(np.max(source.data["n"])), 1.0)
-    plot.rect("x", "y", width, width, source=source, line_color="#555555",
-              fill_color=linear_cmap("n", "Viridis256", 0, highest))  # fmt: skip
+    mapper = LinearColorMapper(palette=list(reversed(Cividis256)), low=0, high=highest)
+    plot.rect("x", "y", width, width, source=source, line_color="white", fill_color=transform("n", mapper))
+    plot.add_layout(ColorBar(color_mapper=mapper, title="samples"), "right")
     plot.hover.tooltips = [("v_x, v_y", "@x, @y mm/s"), ("samples", "@n")]
     return plot
 

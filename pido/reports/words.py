@@ -1,4 +1,4 @@
-"""What an operator calls each mechanism: the vocabulary's identifiers in plain words."""
+"""What an operator calls each mechanism and each figure: identifiers in plain words."""
 
 MECHANISMS = {
     "coulomb_friction": "constant friction against the motion",
@@ -33,6 +33,30 @@ MECHANISMS = {
     "input_fault": "a motion signal that the simulation used is wrong",
     "unknown": "a systematic mismatch that no known mechanism explains",
 }
+
+
+OF_A_RUN = {
+    "duration_s": "duration, s",
+    "in_cut_s": "time in cut, s",
+    "removed_mm3": "removed, mm³",
+    "largest_mrr_mm3_s": "largest removal rate, mm³/s",
+    "median_ar_mm2": "median engaged area AR, mm²",
+    "largest_f_sp_n": "largest cutting force, N",
+    "largest_m_sp_nm": "largest spindle torque, N·m",
+    "share_of_the_part_in_known_bins": "share of the part in known bins",
+    "pia_would_generate": "PiA would generate",
+    "pie_would_generate": "PiE would generate",
+}
+"""Figures of a simulated run and of a plan, with their units."""
+
+
+def of_a_run(key: str) -> str:
+    """A figure's key as a person reads it.
+
+    >>> of_a_run("removed_mm3"), of_a_run("relevant_bins")
+    ('removed, mm³', 'relevant bins')
+    """
+    return OF_A_RUN.get(key, key.replace("_", " "))
 
 
 def in_words(mechanism: str) -> str:

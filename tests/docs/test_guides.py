@@ -52,7 +52,7 @@ def test_the_command_line_path_runs_and_finds_what_was_concealed(tmp_path):
     diagnosis = next(text for command, text in printed.items() if command.startswith("pido diagnose"))
     assert re.search(r"^\w+\s+coolant_load\s", diagnosis, re.MULTILINE)
     simulated = next(text for command, text in printed.items() if command.startswith("pido simulate"))
-    removed = float(re.search(r"removed mm3\s+(\S+)", simulated)[1])
+    removed = float(re.search(r"removed, mm³\s+(\S+)", simulated)[1])
     assert removed == pytest.approx(100 * 10 * 2, rel=0.02)
 
 
