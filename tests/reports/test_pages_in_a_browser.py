@@ -1,0 +1,86 @@
+"""A page as a reader sees it: in a window, on a phone, on paper. Drawn by a real Chromium."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from pido.reports.page import Page, Section, Table, signal_figure, write_page
+
+PAPER_PX = 180 / 25.4 * 96
+"""Between the margins of A4, CSS px."""
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """Everything a page can hold: a hostile name, a wide table, an open and a folded plot."""
+    plots = []
+    for name in ("open", "folded"):
+        plot = signal_figure(f"Axis {name}", "time, s", "current, A")
+        plot.line(np.arange(100.0), np.sin(np.arange(100.0)), legend_label="recorded")
+        plots.append(plot)
+    table = Table([f"column {k}" for k in range(9)], [["a value of some length"] * 9] * 3)
+    sections = [Section("Signals", ["words"], table, plots[:1]), Section("More", figures=plots[1:], folded=True)]
+    place = tmp_path_factory.mktemp("page") / "page.html"
+    write_page(Page('Part <script>document.title="run"</script>', "Nothing unusual.", sections), place)
+    return place.as_uri()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not chromium or not driver:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium chromium-driver)")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,900"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    found = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    yield found
+    found.quit()
+
+
+@pytest.fixture(params=[1280, 390])
+def opened(request, page, browser):
+    """The page at a width, its plots drawn."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    metrics = {"width": request.param, "height": 900, "deviceScaleFactor": 1, "mobile": request.param < 600}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    browser.get(page)
+    WebDriverWait(browser, 60).until(lambda b: b.execute_script("return window.Bokeh && Bokeh.documents.length > 0"))
+    return browser
+
+
+def test_nothing_sticks_out_and_nothing_goes_wrong(opened):
+    width = opened.execute_script("return window.innerWidth")
+    assert opened.execute_script("return document.documentElement.scrollWidth") <= width
+    assert not [one for one in opened.get_log("browser") if one["level"] == "SEVERE"]
+    assert opened.title.startswith("Part <script>")
+
+
+def test_a_folded_plot_has_the_width_of_the_page_once_it_is_opened(opened):
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    opened.execute_script("document.querySelector('details').open = true")
+    drawn = "return document.querySelector('details .bk-Figure').getBoundingClientRect().width"
+    wanted = "return document.querySelector('details').getBoundingClientRect().width"
+    WebDriverWait(opened, 30).until(lambda b: b.execute_script(drawn) > 0.9 * b.execute_script(wanted))
+
+
+def test_on_paper_each_plot_is_whole_and_on_the_screen_again_as_before(opened):
+    widths = (
+        "return [...document.querySelectorAll('section .plot')].map(p => p.offsetWidth * (Number(p.style.zoom) || 1))"
+    )
+    before = opened.execute_script(widths)
+    opened.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    zoomed = opened.execute_script(
+        "return [...document.querySelectorAll('section .plot')].map(p => Number(p.style.zoom) || 1)"
+    )
+    assert all(width * zoom <= PAPER_PX + 1 for width, zoom in zip(before, zoomed, strict=True))
+    opened.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    assert opened.execute_script(widths) == before
