@@ -156,6 +156,8 @@ def _constant(recording: Recording, machine: Machine | None) -> list[Fault]:
                 continue
             values = recording[name]
             known = values[np.isfinite(values)]
+            if name == POSITION["sp"]:
+                moving = moving & ~_whole_turns(recording)
             if len(known) and np.ptp(known) == 0:
                 if name == POSITION[axis] and not moving.any():
                     continue  # an axis that was not used
@@ -176,6 +178,17 @@ def _moving(recording: Recording, axis: str, machine: Machine | None) -> Bool1D:
         return np.zeros(len(recording), bool)
     v = np.abs(recording[VELOCITY[axis]])
     return v > (machine.dead_band(axis) if machine else (0.05 if axis in LINEAR_AXES else 6.0))
+
+
+def _whole_turns(recording: Recording) -> Bool1D:
+    """Where the spindle turns a whole number of times from sample to sample: its angle then stands still, and is right.
+
+    3000 1/min at 50 Hz are such, and an angle that counts from 0 to 360 degrees.
+    """
+    if VELOCITY["sp"] not in recording:
+        return np.zeros(len(recording), bool)
+    turns = np.abs(np.nan_to_num(recording[VELOCITY["sp"]])) / recording.sample_rate_hz / 360.0
+    return (turns > 0.5) & (np.abs(turns - np.round(turns)) < 0.01)
 
 
 def _frozen(recording: Recording, name: str, moving: Bool1D, speed: str) -> Bool1D:

@@ -42,6 +42,16 @@ def test_a_good_recording_has_no_faults(machine):
     assert check(_good(), config.machine(machine) if machine else None) == ()
 
 
+@pytest.mark.parametrize("rpm", [3000.0, 6000.0])
+def test_an_angle_that_stands_still_because_each_sample_is_a_whole_turn_is_no_fault(rpm):
+    """Counted from 0 to 360 degrees, sampled at 50 Hz."""
+    steady, good = np.full(N, 6 * rpm), _good()
+    turning = good.with_columns(v_sp=steady, a_sp=np.zeros(N), pos_sp=np.full(N, 258.725))
+    assert check(turning, None) == ()
+    slower = turning.with_columns(v_sp=0.9 * steady)
+    assert {(f.kind, f.column) for f in check(slower, None)} >= {("constant", "pos_sp")}
+
+
 @pytest.mark.parametrize(
     ("column", "factor", "unit"),
     [
