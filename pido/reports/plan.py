@@ -87,7 +87,7 @@ def plan_page(part: str, rows: list[dict[str, float]], refused: str, summary: Ma
                 figures=plots,
             ),
             Section("The coming part", table=about),
-            Section("What the gate refused", text=refused.splitlines(), folded=True),
+            *([Section("What the gate refused", text=refused.splitlines(), folded=True)] if refused else []),
             Section("Every bin", table=table, folded=True),
         ],
     )
