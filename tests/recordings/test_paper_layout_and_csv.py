@@ -125,3 +125,19 @@ def test_text_where_numbers_belong_is_named_by_line_and_column(tmp_path):
         read_recording(path)
     assert "in line 22 'v_x' is 'x7', which is no number, 2 times in all." in str(fault.value)
     assert "pos_x" not in str(fault.value)  # a missing value is no text
+
+
+@pytest.mark.parametrize(
+    ("saved", "advice"),
+    [
+        (lambda text: text.replace(",", ";").replace(".", ",").encode(), "export it with ',' between columns"),
+        (lambda text: text.replace(",", "\t").encode(), "tabs stand between its columns"),
+        (lambda text: text.encode("utf-16"), "save it as UTF-8"),
+    ],
+    ids=["semicolons", "tabs", "UTF-16"],
+)
+def test_a_table_that_a_spreadsheet_saved_in_its_own_manner_is_told_how_to_export_it(saved, advice, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes(saved(",pos_x,v_x,curr_x\n" + "\n".join(f"{k},{k * 0.1:.1f},0.0,1.0" for k in range(50))))
+    with pytest.raises(RecordingError, match=advice):
+        read_recording(path)
