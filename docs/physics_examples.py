@@ -3,13 +3,15 @@
 In:  the simulated mill (`pido.synthetic`), which shares no code with the search and integrates its own dynamics.
 Out: `physics_examples.json`, and the page made from it and from the catalogue.
 
-    python docs/physics_examples.py            measure what is not measured yet, then write the page
-    python docs/physics_examples.py --again    measure everything again (20 minutes on a core of its own); one that was
-                                               stopped goes on without --again
+    python docs/physics_examples.py            measure what is missing, then what an earlier state of the finder
+                                               answered, and write the page after each; one that was stopped goes on
+                                               (20 minutes for all of it on a core of its own)
+    python docs/physics_examples.py --only-page
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import textwrap
 from pathlib import Path
@@ -17,6 +19,7 @@ from typing import Any
 
 import click
 
+import pido.diagnosis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.reports.words import in_words
 
@@ -26,6 +29,13 @@ PAGE = HERE / "physics.md"
 STRENGTH, SEED, PARTS = 2.0, 1, 3
 EXTRA = ("external_force", "input_fault", "miscalibrated:coulomb_friction", "unknown", "none")
 KINDS = (*(m.id for m in CATALOGUE), *EXTRA)
+FINDER = Path(pido.diagnosis.__file__).parent
+
+
+def state_of_the_finder() -> str:
+    """A digest of its sources: an answer of another state is said to be one."""
+    files = sorted(FINDER.rglob("*.py"))
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:12]
 
 
 def measure(kind: str) -> dict[str, Any]:
@@ -72,6 +82,7 @@ def verdict(kind: str, one: dict[str, Any]) -> str:
 def page(measured: dict[str, Any]) -> str:
     """The whole page."""
     head = (HERE / "physics_head.md").read_text(encoding="utf-8")
+    newest = next((one["finder"] for one in reversed(measured.values()) if "finder" in one), None)
     rows = ["| concealed | answer | found first | error on unseen parts, A |", "|---|---|---|---|"]
     for kind in KINDS:
         if kind not in measured:
@@ -82,7 +93,10 @@ def page(measured: dict[str, Any]) -> str:
         first = f"{best['axis']}: `{best['mechanism']}`, {best['where']}" if best else "–"
         error = f"{best['rmse'][0]:.3g} → {best['rmse'][1]:.3g}" if best else "–"
         hidden = ", ".join(sorted({e["axis"] for e in one["truth"]}))
-        rows.append(f"| `{kind}`{f' ({hidden})' if hidden else ''} | {verdict(kind, one)} | {first} | {error} |")
+        earlier = "" if one.get("finder") == newest else " †"
+        rows.append(
+            f"| `{kind}`{f' ({hidden})' if hidden else ''}{earlier} | {verdict(kind, one)} | {first} | {error} |"
+        )
     blocks = []
     for m in CATALOGUE:
         shape = f" Searched: {', '.join(f'{p.name} ({p.unit})' for p in m.shape)}." if m.shape else ""
@@ -99,6 +113,9 @@ def page(measured: dict[str, Any]) -> str:
         figures += f" Missed altogether: {', '.join(f'`{k}`' for k in missed)}."
     if len(done) < len(KINDS):
         figures += f" {len(KINDS) - len(done)} of {len(KINDS)} are not measured yet and count for neither side."
+    old = sum(measured[k].get("finder") != newest for k in done)
+    if old:
+        figures += f" {old} of the {len(done)} (†) were answered by an earlier state of the finder."
     figures = "\n".join(textwrap.wrap(figures, 120, break_long_words=False, break_on_hyphens=False))
     return head.replace("<!-- examples -->", f"{figures}\n\n" + "\n".join(rows)).replace(
         "<!-- catalogue -->", "\n".join(blocks).rstrip()
@@ -106,16 +123,19 @@ def page(measured: dict[str, Any]) -> str:
 
 
 @click.command()
-@click.option("--again", is_flag=True, help="forget what was measured and begin anew")
 @click.option("--only-page", is_flag=True, help="write the page from what has been measured")
-def main(again: bool, only_page: bool) -> None:
+def main(only_page: bool) -> None:
     """Measure, keep, write the page."""
-    measured = json.loads(MEASURED.read_text(encoding="utf-8")) if MEASURED.exists() and not again else {}
-    for kind in () if only_page else KINDS:
-        if kind not in measured:
-            measured[kind] = measure(kind)
-            MEASURED.write_text(json.dumps(measured, indent=1), encoding="utf-8")
-            click.echo(f"{kind} ({in_words(kind)}): {verdict(kind, measured[kind])}")
+    measured = json.loads(MEASURED.read_text(encoding="utf-8")) if MEASURED.exists() else {}
+    state = state_of_the_finder()
+    stale = [k for k in KINDS if k in measured and measured[k].get("finder") != state]
+    for kind in () if only_page else [*(k for k in KINDS if k not in measured), *stale]:
+        answer = {"finder": state, **measure(kind)}
+        measured.pop(kind, None)
+        measured[kind] = answer  # the newest stands last
+        MEASURED.write_text(json.dumps(measured, indent=1), encoding="utf-8")
+        PAGE.write_text(page(measured), encoding="utf-8")
+        click.echo(f"{kind} ({in_words(kind)}): {verdict(kind, answer)}")
     PAGE.write_text(page(measured), encoding="utf-8")
 
 
