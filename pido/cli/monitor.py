@@ -27,6 +27,8 @@ class _PartOrAnswer(click.Group):
 def command() -> None:
     """Judge a part against what the champion expects, within a band that earlier parts justify.
 
+    `pido monitor part --help` lists the options: --follow, --tolerate, --json and more.
+
     This is quality information and no safety stop: it never protects a person or a machine.
 
     \b
@@ -36,7 +38,7 @@ def command() -> None:
     """
 
 
-@command.command(name="part")
+@command.command(name="part", short_help="Judge a part, as `pido monitor PART` does.")
 @click.argument("part", required=False)
 @workspace_option
 @click.option("--machine", default=None, help="machine of a recording that does not name its own")

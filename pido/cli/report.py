@@ -24,7 +24,7 @@ def command() -> None:
     """
 
 
-@command.command()
+@command.command(short_help="Did the models get better, and what was generated.")
 @click.option("--version", type=int, help="of the models; the newest where it is left out")
 @workspace_option
 @machine_option
@@ -54,7 +54,7 @@ def iteration(version: int | None, folder: Path, machine: str | None, out: Path)
     click.echo(out)
 
 
-@command.command()
+@command.command(short_help="Recorded and expected currents of a part, and its alarms.")
 @click.argument("part")
 @workspace_option
 @click.option("--machine", default=None, help="machine of a recording that does not name its own")
@@ -75,7 +75,7 @@ def monitor(part: str, folder: Path, machine: str | None, tolerate: float, out: 
     click.echo(out)
 
 
-@command.command()
+@command.command(short_help="What a coming part needs; of a plan made before.")
 @click.argument("plan", type=Input())
 @out_option
 def plan(plan: Path, out: Path) -> None:
@@ -102,7 +102,7 @@ def plan(plan: Path, out: Path) -> None:
     click.echo(out)
 
 
-@command.command()
+@command.command(short_help="An experiment that was run before.")
 @click.argument("result", type=Input(file_okay=False))
 @out_option
 def experiment(result: Path, out: Path) -> None:
