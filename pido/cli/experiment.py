@@ -35,6 +35,11 @@ PROOFS = ("extended-equation", "concealed", "real-mismatch")
     help="extra trees for all axes, or boosting for the spindle as in the paper (slow)",
 )  # fmt: skip
 @click.option(
+    "--percent", "percents", type=click.IntRange(1, 100), multiple=True,
+    help="of a file to train on, in place of 10 to 100 and of adding files; of ablation and rivals; repeatable",
+)  # fmt: skip
+@click.option("--delivered", is_flag=True, help="of ablation: PiDO as delivered and its null alone, not as printed")
+@click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("experiments"), show_default=True,
     help="folder for results and report",
 )  # fmt: skip
@@ -43,8 +48,8 @@ PROOFS = ("extended-equation", "concealed", "real-mismatch")
 @click.option("--json", "as_json", is_flag=True, help="print verdict and tables as JSON")
 def command(
     name: str, data: tuple[str, ...], repeats: int | None, quick: bool, seed: int, workers: int | None,
-    cluster: str | None, machine: str | None, job_file: Path | None, estimators: str, out: Path, resume: bool,
-    cases: int | None, as_json: bool,
+    cluster: str | None, machine: str | None, job_file: Path | None, estimators: str, percents: tuple[int, ...],
+    delivered: bool, out: Path, resume: bool, cases: int | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Run an experiment of the paper, on any recordings, and see its figures beside the published ones.
 
@@ -56,6 +61,7 @@ def command(
     \b
     pido experiment local-vs-global --data recordings/ --out results
     pido experiment ablation --data worn --data newer --repeats 30 --workers 4
+    pido experiment ablation --data recordings/ --delivered --percent 10 --percent 40
     pido experiment concealed --cases 40 --seed 1 --workers 2 --out results
     pido experiment extended-equation --data recordings/aircut.csv
     pido experiment real-mismatch --data recordings/
@@ -69,6 +75,10 @@ def command(
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
 
+    if delivered and name != "ablation":
+        raise click.UsageError(f"--delivered is an option of ablation, not of {name}.")
+    if percents and name not in ("ablation", "rivals"):
+        raise click.UsageError(f"--percent is an option of ablation and rivals, not of {name}.")
     if name in PROOFS:
         _prove(name, data, out / name, cases, seed, workers or os.cpu_count() or 1, quick, resume, as_json, machine)
         return
@@ -80,7 +90,7 @@ def command(
             result = run_experiment(
                 name, source, folder=folder, repeats=repeats, seed=seed, workers=workers or os.cpu_count() or 1,
                 cluster=cluster, quick=quick, resume=resume, machine=machine, job=job, estimators=estimators,
-                on_progress=progress,
+                percents=percents, delivered=delivered, on_progress=progress,
             )  # fmt: skip
         outcome, fleet = result.outcome, result.fleet
         facts = (

@@ -33,12 +33,16 @@ class Options:
     """repeats : how often what is random is repeated (30 in the paper); quick : a small version of everything.
 
     estimators : 'default' (extra trees for all axes) or 'paper' (boosting for the spindle, five times the time)
+    percents : of a file that are trained on, in place of 10 to 100 and of adding files; of ablation and rivals
+    delivered : only PiDO as delivered, its baseline and its null; of ablation
     """
 
     repeats: int = 30
     quick: bool = False
     seed: int = 0
     estimators: str = "default"
+    percents: tuple[int, ...] = ()
+    delivered: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,12 +70,15 @@ def run_experiment(
     machine: str | None = None,
     job: Job | None = None,
     estimators: str = "default",
+    percents: Sequence[int] = (),
+    delivered: bool = False,
     on_progress: OnProgress = _silent,
 ) -> Result:
     """Measure all units of an experiment and sum them up.
 
     data : as `load_fleet` takes it, or a fleet
     repeats : 30 if not given, a few with `quick`
+    estimators, percents, delivered : as `Options` says
     workers : processes on this machine; cluster : address of a Dask scheduler, or 'local' for Dask on this machine
     resume : use the units that the folder holds already
     Raises SettingsError for an unknown experiment, DataError for data that it cannot use, ClusterError.
@@ -85,7 +88,9 @@ def run_experiment(
     if repeats < 1 or workers < 1:
         raise SettingsError(f"repeats = {repeats}, workers = {workers}: both must be at least 1.")
     fleet = data if isinstance(data, Fleet) else load_fleet(data, what.family, machine=machine, job=job, seed=seed)
-    options = Options(repeats, quick, seed, estimators)
+    if any(not 0 < percent <= 100 for percent in percents):
+        raise SettingsError(f"percents {', '.join(map(str, percents))}: of a file there are 1 to 100.")
+    options = Options(repeats, quick, seed, estimators, tuple(sorted(set(percents))), delivered)
     units = list(what.plan(fleet, options))
     if twice := len(units) - len({unit.key for unit in units}):
         raise SettingsError(f"experiment '{name}' plans {twice} unit(s) twice.")

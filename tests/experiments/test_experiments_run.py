@@ -124,6 +124,17 @@ def test_every_experiment_plans_each_unit_once_with_values_that_json_can_hold(na
     assert what.id == name
 
 
+def test_an_ablation_of_chosen_percents_measures_those_and_nothing_else(fleet, tmp_path):
+    result = run_experiment(
+        "ablation", fleet, folder=tmp_path, repeats=1, quick=True, percents=(40, 20), delivered=True
+    )
+    assert set(result.table.step) == {20, 40}
+    assert set(result.table.scenario) == {TIME, RANDOM}
+    assert set(result.table.variant) == set(DELIVERED)
+    with pytest.raises(PidoError, match="1 to 100"):
+        run_experiment("ablation", fleet, folder=tmp_path, repeats=1, quick=True, percents=(0,))
+
+
 def test_an_unknown_experiment_names_the_known_ones(fleet, tmp_path):
     with pytest.raises(PidoError, match="importance, weighting"):
         run_experiment("nothing", fleet, folder=tmp_path)
