@@ -128,7 +128,7 @@ class LocalEquations:
             design = self.terms.design(part, self.machine)
             known, at = locate(self.bins, self.grid.ids(part.reduced))
             common, everywhere = design @ self.overall.coefficients.T, np.full((len(part), 4), np.nan)
-            fitted = np.isfinite(self.overall.coefficients).all(axis=1)
+            fitted = np.asarray(np.isfinite(self.overall.coefficients).all(axis=1))
             # the global equation's leverage counts where it speaks: outside the bins, or blended with one
             needed = np.ones(len(part), bool) if self.blend or not fitted.all() else ~known
             everywhere[needed] = self.overall.leverage_of(np.ascontiguousarray(design[needed]))

@@ -29,7 +29,8 @@ _AT = {name: k for k, name in enumerate(INPUTS)}
 class ExtraTerm(Protocol):
     """Accepted physics that an equation is extended by. `columns` is (n, k), A per unit of its amplitude."""
 
-    name: str
+    @property
+    def name(self) -> str: ...
 
     def columns(self, samples: Samples) -> Float2D: ...
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 
@@ -53,7 +54,7 @@ def _no_numbers(path: Path, columns: list[str]) -> list[str]:
     said = []
     for name in columns:
         given = table[name].notna() & ~table[name].isin(_MISSING)
-        bad = pd.to_numeric(table[name], errors="coerce").isna() & given
+        bad = np.isnan(np.asarray(pd.to_numeric(table[name], errors="coerce"), float)) & np.asarray(given, bool)
         if bad.any():
             row = int(bad.argmax())
             often = f", {bad.sum()} times in all" if bad.sum() > 1 else ""

@@ -54,17 +54,17 @@ def _cell(value: Any) -> str:
 def _steps(title: str, table: pd.DataFrame) -> Any | None:
     """Lines over the steps of scenario 1, where the table has numbers per step."""
     names = [c for c in table.columns if c not in ("scenario", "step", "space", "axis")]
-    if "axis" in table.columns and table["axis"].nunique() > 1:
+    if "axis" in table.columns and len(set(table["axis"])) > 1:
         return None
-    some = table[table["scenario"] == table["scenario"].iloc[0]]
-    if "space" in some.columns:
-        some = some[some["space"] == some["space"].iloc[0]]
-    if len(some) < 2:
+    rows = [row for row in table.to_dict("records") if row["scenario"] == table["scenario"].tolist()[0]]
+    rows = [row for row in rows if row.get("space") == rows[0].get("space")]
+    if len(rows) < 2:
         return None
-    plot = signal_figure(f"{title}: {some['scenario'].iloc[0]}", "percent of the file, or files", "as in the table")
+    plot = signal_figure(f"{title}: {rows[0]['scenario']}", "percent of the file, or files", "as in the table")
+    steps = [float(row["step"]) for row in rows]
     for colour, name in zip(_colours(len(names)), names, strict=True):
-        values = pd.to_numeric(some[name].astype(str).str.rstrip("*"), errors="coerce")
-        plot.line(some["step"].astype(float), values, color=colour, legend_label=name, line_width=2)
+        values = np.asarray(pd.to_numeric([str(row[name]).rstrip("*") for row in rows], errors="coerce"), float)
+        plot.line(steps, values, color=colour, legend_label=name, line_width=2)
     return plot
 
 

@@ -72,7 +72,7 @@ def smogn(real: Samples, bins: Int1D, number: Int1D, grid: Grid, rng: np.random.
         chance = 1.0 / np.maximum(density(real.currents[rows, i]), 1e-6)
         seed = rows[rng.choice(len(rows), total, p=chance / chance.sum())]
         tree = KDTree(real.inputs[rows] / scale)
-        distance, near = tree.query(real.inputs[seed] / scale, k=NEIGHBOURS + 1)
+        distance, near = map(np.asarray, tree.query(real.inputs[seed] / scale, k=NEIGHBOURS + 1))
         pick = rng.integers(1, NEIGHBOURS + 1, total)
         at = np.arange(total)
         close = distance[at, pick] <= 0.5 * np.median(distance[:, 1:], axis=1)
@@ -141,7 +141,7 @@ def _pairs(
     for bin_id in np.unique(target):
         rows, mine = np.flatnonzero(ids == bin_id), np.flatnonzero(target == bin_id)
         k = min(NEIGHBOURS, len(rows) - 1)
-        near = KDTree(scaled[rows]).query(scaled[seed[mine]], k=k + 1)[1]
+        near = np.asarray(KDTree(scaled[rows]).query(scaled[seed[mine]], k=k + 1)[1])
         pick = near[np.arange(len(mine)), rng.integers(1, k + 1, len(mine))]
         other[mine] = np.where(rows[pick] == seed[mine], rows[near[:, 0]], rows[pick])
     return seed, other, target

@@ -111,7 +111,8 @@ def learn(
                 left_over = (base[:, i] - 2 * own * sums[0] + own**2 * sums[1]).sum(axis=0)
                 number = count[:, i].sum(axis=0)
                 error[i] = np.where(number > 0, np.sqrt(np.maximum(left_over, 0) / np.maximum(number, 1)), np.inf)
-        name = "none" if chosen[i] is None else f"equation '{chosen[i].id}' to {share[i].round(2).tolist()}"
+        best = chosen[i]
+        name = "none" if best is None else f"equation '{best.id}' to {share[i].round(2).tolist()}"
         log.info("%s: generated rows: %s (%+.1f %% held-out RMSE)", axis, name, 100 * gain[i])
     return Trust(tuple(chosen), share, error, tuple(gain), tried)
 
@@ -157,7 +158,7 @@ def _plays(real: Samples) -> Iterator[tuple[str, Bool1D]]:
 def _sums(values: Float2D, where: Int2D) -> Float2D:
     """(4, regions): sums of (n, 4) values by region."""
     size = len(LEVELS) + 1
-    return np.stack([np.bincount(where[:, i], values[:, i], size) for i in range(4)])
+    return np.stack([np.bincount(where[:, i], values[:, i], size).astype(float) for i in range(4)])
 
 
 def _shares(along: Float2D, square: Float2D, count: Float2D, kind: np.ndarray, keep: np.ndarray) -> Float2D:
