@@ -16,7 +16,7 @@ import numpy as np
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
 from pido.monitoring.band import Band, scales, standardise
-from pido.monitoring.difficulty import features_of
+from pido.monitoring.difficulty import features_of, means_of
 from pido.monitoring.residuals import PartResiduals, window_mean, window_samples
 
 
@@ -58,7 +58,7 @@ def judge(part: PartResiduals, band: Band) -> Verdict:
         )
         shares.append(np.isfinite(z).sum() / max(there.sum(), 1))
         with np.errstate(invalid="ignore"):
-            outside = np.abs(z) > band.threshold
+            outside = np.abs(z) > band.axes[axis].threshold
         alarms += [
             _alarm(part, axis, run, z, band) for run in _runs(outside, window_samples(part.rate_hz, band.window_s))
         ]
@@ -103,18 +103,21 @@ class Watch:
                 continue
             # Summed anew: a running sum drifts over a shift, and a window is a few dozen numbers.
             mean = math.fsum(v for v, _ in last) / self._width
-            low, high = self._band.limits(axis, tool, block, self._program, self._factor(axis))
+            low, high = self._band.limits(axis, tool, block, self._program, *self._expected(axis))
             if not low <= mean <= high and math.isfinite(low):
                 beyond = mean - 0.5 * (low + high)
-                outside[axis] = (2 * self._band.threshold * beyond / (high - low), beyond)
+                outside[axis] = (2 * self._band.axes[axis].threshold * beyond / (high - low), beyond)
         return outside
 
-    def _factor(self, axis: str) -> float:
-        difficulty = self._band.axes[axis].difficulty
+    def _expected(self, axis: str) -> tuple[float, float]:
+        """Factor and lean of the window that ends now."""
+        band = self._band.axes[axis]
         states = [state for _, state in self._last[axis] if state is not None]
-        if difficulty is None or len(states) < self._width:
-            return 1.0
-        return float(difficulty(features_of(np.array(states), self._engaged[axis] / self._rate_hz))[0])
+        if len(states) < self._width or (band.difficulty is None and band.lean is None):
+            return 1.0, 0.0
+        features = features_of(np.array(states), self._engaged[axis] / self._rate_hz)
+        factor = 1.0 if band.difficulty is None else float(band.difficulty(features)[0])
+        return factor, 0.0 if band.lean is None else float(band.lean(means_of(features))[0])
 
 
 def _runs(outside: Bool1D, join: int) -> list[slice]:

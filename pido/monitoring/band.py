@@ -1,24 +1,24 @@
 """How far a window's mean residual may lie from nothing: honest from the first part on, narrower as parts are added.
 
 In:  residuals of good parts on which the model had not been trained.
-Out: a Band: per axis a factor by state (`pido.monitoring.difficulty`), a centre and a spread for each tool (and NC
-     block, where that says more), shrunk towards the tool's and the axis' own where few windows were seen, and one
-     threshold in units of that spread.
+Out: a Band: per axis a factor by state (`pido.monitoring.difficulty`), what the model is wrong by in proportion
+     (`pido.monitoring.lean`), a centre and a spread for each tool (and NC block, where that says more), shrunk towards
+     the tool's and the axis' own where few windows were seen, and a threshold in units of that spread.
 
-The threshold is the level that the largest window of a part exceeds in `tolerate` of 100 good parts. Few parts cannot
-show such a level, so it is extrapolated: maxima over stretches of STRETCH_S are near to independent, and a generalised
-Pareto law (Pickands 1975; Coles, An Introduction to Statistical Modeling of Extreme Values, ch. 4) is fitted to the
-upper half of their squares. Squares, because those of a Gaussian have exactly the law's exponential tail, while its own
-tail is lighter than any Pareto law and the extrapolation would overshoot. Parts differ from one another, which K parts
-show only roughly: the spread between parts enters with its prior, and the threshold grows by Student's t with K degrees
-of freedom.
+The threshold is the level that the largest window of a part exceeds in its share of `tolerate` of 100 good parts. Few
+parts cannot show such a level, so it is extrapolated: maxima over stretches of STRETCH_S are near to independent, and a
+generalised Pareto law (Pickands 1975; Coles, An Introduction to Statistical Modeling of Extreme Values, ch. 4) is
+fitted to the upper half of their squares. Squares, because those of a Gaussian have exactly the law's exponential tail,
+while its own tail is lighter than any Pareto law and the extrapolation would overshoot. Parts differ from one another,
+which K parts show only roughly: the spread between parts enters with its prior, and the threshold grows by Student's t
+with K degrees of freedom.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -26,7 +26,8 @@ from scipy import stats
 from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
-from pido.monitoring.difficulty import Difficulty, learn_difficulty, window_features
+from pido.monitoring.difficulty import Difficulty, learn_difficulty, means_of, window_features
+from pido.monitoring.lean import Lean, fit_lean, strength_of
 from pido.monitoring.residuals import WINDOW_S, PartResiduals, window_mean, window_samples
 
 STRETCH_S = 5.0
@@ -52,6 +53,7 @@ class Level:
     spread: float
 
 
+_State = tuple[Difficulty | None, Lean | None]
 Place = tuple[str | None, str | None, int | None]
 """Tool, program, NC block; None stands for any."""
 
@@ -61,7 +63,9 @@ class AxisBand:
     """levels: per place; a block not seen before falls back to its tool, a tool not seen before to the axis."""
 
     levels: dict[Place, Level]
+    threshold: float  # in spreads
     difficulty: Difficulty | None = None
+    lean: Lean | None = None
 
     def level(self, tool: str, block: int, program: str = "") -> Level:
         """The closest level that was learnt for this tool and NC block."""
@@ -74,19 +78,22 @@ class Band:
     """axes: what was learnt per axis that was recorded; blocks: whether NC blocks have levels of their own."""
 
     axes: dict[str, AxisBand]
-    threshold: float  # in spreads, the same on every axis
     parts: int
     tolerate: float  # false alarms per 100 parts, all axes together
     window_s: float = WINDOW_S
     blocks: bool = False
 
-    def limits(self, axis: str, tool: str, block: int, program: str = "", factor: float = 1.0) -> tuple[float, float]:
+    def limits(
+        self, axis: str, tool: str, block: int, program: str = "", factor: float = 1.0, lean: float = 0.0
+    ) -> tuple[float, float]:
         """Lowest and highest window mean of the residual that passes, A; NaN where nothing can be said.
 
         factor : by which the residual is larger in this state than usual (`AxisBand.difficulty`)
+        lean : residual that is expected in this state, A (`AxisBand.lean`)
         """
-        level, reach = self.axes[axis].level(tool, block, program), self.threshold
-        return factor * (level.centre - reach * level.spread), factor * (level.centre + reach * level.spread)
+        level, reach = self.axes[axis].level(tool, block, program), self.axes[axis].threshold
+        low, high = level.centre - reach * level.spread, level.centre + reach * level.spread
+        return lean + factor * low, lean + factor * high
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +143,25 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
             windows[axis] = seen
     if not windows:
         raise FitError("No axis has residuals over a whole window: record at least a few seconds without gaps.")
-    chance = tolerate / 100.0
-    sizes = {axis: _difficulty(of_axis) for axis, of_axis in windows.items()}
-    splits = {axis: _splits(of_axis) for axis, of_axis in windows.items()}
+    ridge = {axis: _strength(of_axis) for axis, of_axis in windows.items()}
+    states = {axis: _state(of_axis, ridge[axis]) for axis, of_axis in windows.items()}
+    splits = {axis: _splits(of_axis, ridge[axis]) for axis, of_axis in windows.items()}
+    # An axis that follows a law on parts left out has a threshold of its own, so that those that are hard to predict
+    # do not widen it. These share theirs: alone, three parts unlike one another say too little about each of them.
+    alone = [axis for axis, (_, lean) in states.items() if lean is not None]
+    groups = [[axis] for axis in alone] + [[axis for axis in windows if axis not in alone]]
     bands = []
     # Blocks with levels of their own pay where the same program comes again; other parts say whether that is so.
     for blocks in (False, True) if len(parts) > 1 else (False,):
-        axes = {axis: _fit(of_axis, blocks, sizes[axis]) for axis, of_axis in windows.items()}
-        threshold = _threshold(splits, blocks, len(parts), chance)
-        bands.append(Band(axes, threshold, len(parts), tolerate, window_s, blocks))
+        axes = {}
+        for group in groups:
+            if not group:
+                continue
+            chance = 1.0 - (1.0 - tolerate / 100.0) ** (len(group) / len(windows))
+            threshold = _threshold([splits[axis] for axis in group], blocks, len(parts), chance)
+            axes |= {a: replace(_fit(windows[a], blocks, states[a]), threshold=threshold) for a in group}
+        axes = {axis: axes[axis] for axis in windows}
+        bands.append(Band(axes, len(parts), tolerate, window_s, blocks))
     return min(bands, key=lambda band: _width(band, windows))
 
 
@@ -159,7 +176,8 @@ def corridor(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float
     windows = _windows(part, axis, band.window_s)
     centre, spread = scales(part, axis, band)
     said = window_mean(part.predicted[:, AXES.index(axis)], windows.width)
-    return said + centre - band.threshold * spread, said + centre + band.threshold * spread
+    reach = band.axes[axis].threshold
+    return said + centre - reach * spread, said + centre + reach * spread
 
 
 def scales(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D]:
@@ -174,9 +192,9 @@ def _windows(part: PartResiduals, axis: str, window_s: float) -> _Windows:
     return _Windows(mean, part.tool.astype(str), part.block, part.program, features, width, part.rate_hz)
 
 
-def _splits(parts: Sequence[_Windows]) -> list[tuple[Sequence[_Windows], list[_Windows], Difficulty | None]]:
-    """Judged windows, those that judge them, and the difficulty learnt from these: no part has a say in its own levels.
-    A single part is judged stretch by stretch."""
+def _splits(parts: Sequence[_Windows], ridge: float | None) -> list[tuple[Sequence[_Windows], list[_Windows], _State]]:
+    """Judged windows, those that judge them, and what was learnt of states from these: no part has a say in its own
+    levels. A single part is judged stretch by stretch."""
     if len(parts) == 1:
         edges = np.linspace(0, len(parts[0].mean), FOLDS + 1).astype(int)
         parts = [parts[0].part(slice(a, b)) for a, b in itertools.pairwise(edges)]
@@ -186,21 +204,33 @@ def _splits(parts: Sequence[_Windows]) -> list[tuple[Sequence[_Windows], list[_W
         judged = [w for j, w in enumerate(parts) if j % count == k]
         others = [w for j, w in enumerate(parts) if j % count != k]
         if any(np.isfinite(w.mean).any() for w in others):
-            found.append((judged, others, _difficulty(others)))
+            found.append((judged, others, _state(others, ridge)))
     return found
 
 
-def _difficulty(parts: Sequence[_Windows]) -> Difficulty | None:
+def _strength(parts: Sequence[_Windows]) -> float | None:
+    few = [w.side_by_side() for w in parts]
+    if any(w.features is None for w in few):
+        return None
+    return strength_of([(means_of(w.features), w.mean) for w in few if w.features is not None])
+
+
+def _state(parts: Sequence[_Windows], ridge: float | None) -> _State:
+    """What residual, and of what size, these parts let expect in a state."""
     few = [w.side_by_side() for w in parts]
     features = [w.features for w in few if w.features is not None]
     if len(features) < len(few):
-        return None
-    return learn_difficulty(np.vstack(features), np.abs(np.concatenate([w.mean for w in few])))
+        return None, None
+    means = [(means_of(f), w.mean) for f, w in zip(features, few, strict=True)]
+    lean = None if ridge is None else fit_lean(means, ridge)
+    left = np.concatenate([w.mean - _leant(w, lean) for w in few])
+    return learn_difficulty(np.vstack(features), np.abs(left)), lean
 
 
-def _fit(parts: Sequence[_Windows], blocks: bool, difficulty: Difficulty | None) -> AxisBand:
+def _fit(parts: Sequence[_Windows], blocks: bool, state: _State) -> AxisBand:
+    difficulty, lean = state
     few = [w.side_by_side() for w in parts]
-    values = np.concatenate([w.mean / _factor(w, difficulty) for w in few])
+    values = np.concatenate([(w.mean - _leant(w, lean)) / _factor(w, difficulty) for w in few])
     seen = np.isfinite(values)
     tools = np.concatenate([w.tool for w in few])[seen]
     names = np.concatenate([np.full(len(w.mean), w.program, object) for w in few])[seen]
@@ -220,13 +250,19 @@ def _fit(parts: Sequence[_Windows], blocks: bool, difficulty: Difficulty | None)
             for number, one in zip(numbers, np.split(values[there][order], starts[1:]), strict=True):
                 if number >= 0:
                     levels[(str(tool), str(program), int(number))] = _shrunk(one, 0.5 * len(one), of_tool)
-    return AxisBand(levels, difficulty)
+    return AxisBand(levels, np.inf, difficulty, lean)
 
 
 def _factor(windows: _Windows, difficulty: Difficulty | None) -> Float1D:
     if difficulty is None or windows.features is None:
         return np.ones_like(windows.mean)
     return difficulty(windows.features)
+
+
+def _leant(windows: _Windows, lean: Lean | None) -> Float1D:
+    if lean is None or windows.features is None:
+        return np.zeros_like(windows.mean)
+    return lean(means_of(windows.features))
 
 
 def _robust(values: Float1D) -> Level:
@@ -253,7 +289,7 @@ def _scales(windows: _Windows, axis: AxisBand) -> tuple[Float1D, Float1D]:
     found = [axis.level(str(tools[t]), int(b), windows.program) for t, b in pairs]
     centre, spread = np.array([(level.centre, level.spread) for level in found]).reshape(-1, 2).T
     factor = _factor(windows, axis.difficulty)
-    return centre[which.ravel()] * factor, spread[which.ravel()] * factor
+    return _leant(windows, axis.lean) + centre[which.ravel()] * factor, spread[which.ravel()] * factor
 
 
 def _standardised(windows: _Windows, axis: AxisBand) -> Float1D:
@@ -264,25 +300,22 @@ def _standardised(windows: _Windows, axis: AxisBand) -> Float1D:
 def _width(band: Band, windows: dict[str, list[_Windows]]) -> float:
     """Mean log width over the windows that were seen: which of two bands is the narrower one."""
     widths = [
-        np.nanmean(np.log(_scales(w.side_by_side(), band.axes[axis])[1]))
+        np.log(band.axes[axis].threshold) + np.nanmean(np.log(_scales(w.side_by_side(), band.axes[axis])[1]))
         for axis, all_ in windows.items()
         for w in all_
     ]
-    return float(np.log(band.threshold) + np.mean(widths))
+    return float(np.mean(widths))
 
 
 def _threshold(
-    splits: dict[str, list[tuple[Sequence[_Windows], list[_Windows], Difficulty | None]]],
-    blocks: bool,
-    parts: int,
-    chance: float,
+    splits: Sequence[list[tuple[Sequence[_Windows], list[_Windows], _State]]], blocks: bool, parts: int, chance: float
 ) -> float:
-    """In spreads: what the largest window of a part, over all axes, exceeds with this chance."""
+    """In spreads: what the largest window of a part, over these axes, exceeds with this chance."""
     maxima: list[float] = []
     log_spreads: list[float] = []
-    for of_axis in splits.values():
-        for judged, others, difficulty in of_axis:
-            fitted = _fit(others, blocks, difficulty)
+    for of_axis in splits:
+        for judged, others, state in of_axis:
+            fitted = _fit(others, blocks, state)
             for part in judged:
                 z = np.abs(_standardised(part, fitted))
                 stretch = max(1, round(part.rate_hz * STRETCH_S))

@@ -88,6 +88,11 @@ def window_features(part: PartResiduals, axis: int, width: int) -> Float2D | Non
     return np.column_stack([*means, *spreads, since(known, part.rate_hz)])
 
 
+def means_of(features: Float2D) -> Float2D:
+    """(n, d + 1): the windows' means of model inputs and prediction, out of their features."""
+    return features[:, 1 : (features.shape[1] - 1) // 2]
+
+
 def state(doubt: Float1D, inputs: Float2D, predicted: Float1D) -> Float2D:
     """(n, d + 2): one sample's part of the features."""
     return np.column_stack([np.log(doubt + 1e-3), inputs, predicted])

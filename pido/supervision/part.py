@@ -80,7 +80,7 @@ class Judgement:
             "unwatched": list(self.verdict.unwatched),
             "band": {
                 "parts": self.band.parts,
-                "threshold": round(self.band.threshold, 4),
+                "threshold": {axis: round(of.threshold, 4) for axis, of in self.band.axes.items()},
                 "tolerate": self.band.tolerate,
                 "window_s": self.band.window_s,
             },

@@ -188,8 +188,8 @@ def follow_file(
         {
             "part": path.stem, "digest": stream.digest, "machine": name, "model": expect.model, "good": not alarms,
             "followed": True, "alarms": alarms, "notes": list(expect.notes),
-            "band": {"parts": band.parts, "threshold": round(band.threshold, 4), "tolerate": tolerate,
-                     "window_s": band.window_s},
+            "band": {"parts": band.parts, "tolerate": tolerate, "window_s": band.window_s,
+                     "threshold": {axis: round(of.threshold, 4) for axis, of in band.axes.items()}},
         }
     )  # fmt: skip
     yield {"kind": "end", "part": path.stem, "good": not alarms, "samples": stream.samples, "alarms": alarms}
