@@ -27,7 +27,19 @@ import click
 from benchmarks.table import Row, keep, line, load_words, machine, markdown, read_kept
 
 HERE = Path(__file__).parent
-ORDER = ("fits", "generation", "removal", "reading", "motion", "diagnosis", "iteration", "start", "models", "growth")
+ORDER = (
+    "fits",
+    "generation",
+    "removal",
+    "reading",
+    "motion",
+    "diagnosis",
+    "iteration",
+    "plant",
+    "start",
+    "models",
+    "growth",
+)
 
 
 def modules() -> list[str]:

@@ -64,13 +64,18 @@ class Plant:
         try:
             until(lambda: "passwords" in self.words(), "the plant does not come up", self._alive)
         except BaseException:
-            self.__exit__()
+            self.stop()
             raise
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._process.terminate()
-        self._process.wait(120)
+        self.stop()
+
+    def stop(self) -> None:
+        """As Ctrl-C does; a second time does nothing."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            self._process.wait(120)
 
     def words(self) -> str:
         """What the plant has said so far."""
@@ -126,9 +131,10 @@ def victims_of(
     reference : does the same - a part, or a decision - without servers and faults, and tells the state afterwards
     """
     found: list[Outcome] = []
+    until(lambda: mirror.up_to_date(plant.workspace), "MLflow was not told of the versions that were there before")
     start = time.monotonic()
     plant.drop(coming[0])
-    differs = _settled(plant, machine, reference(coming[0]))
+    differs = settled(plant, machine, reference(coming[0]))
     if differs:
         raise RuntimeError(f"a part without a fault did not end well: {differs}")
     span = time.monotonic() - start
@@ -234,7 +240,7 @@ def _kill(plant: Plant, victim: str, rng: random.Random, span: float) -> int:
     return 1
 
 
-def _settled(plant: Plant, machine: str, expected: dict[str, Any]) -> str:
+def settled(plant: Plant, machine: str, expected: dict[str, Any]) -> str:
     """'' once everything is as expected, nothing is in the inbox, MLflow knows everything; else what differs."""
 
     def differs() -> str:
@@ -251,10 +257,10 @@ def _settled(plant: Plant, machine: str, expected: dict[str, Any]) -> str:
     end = time.monotonic() + PATIENCE_S
     while (fault := differs()) and time.monotonic() < end:
         time.sleep(1.0)
-    return fault or _in_mlflow(plant, machine)
+    return fault or in_mlflow(plant, machine)
 
 
-def _in_mlflow(plant: Plant, machine: str) -> str:
+def in_mlflow(plant: Plant, machine: str) -> str:
     """'' where MLflow has every iteration once, every version of each model once, and the champion's alias."""
     from mlflow import MlflowClient
 
@@ -283,7 +289,7 @@ def _in_mlflow(plant: Plant, machine: str) -> str:
 def _outcome(
     kind: str, hits: int, plant: Plant, machine: str, expected: dict[str, Any], said: int, victim: str
 ) -> Outcome:
-    fault = _settled(plant, machine, expected)
+    fault = settled(plant, machine, expected)
     if fault:
         print(f"{kind}: {fault}", file=sys.stderr)
     found = full_state(plant.workspace, machine)

@@ -15,6 +15,7 @@ from prefect import flow
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
+from flows.submit import alive
 from pido.core.errors import RegistryError
 from pido.tracking import mirror, promotion
 from pido.workspace import Workspace, digest_of
@@ -34,20 +35,22 @@ class Decision(RunInput):
 def promote(workspace: str, machine: str, version: int) -> dict[str, Any]:
     """Show the gate's words, wait for a person, write the decision down."""
     place = Workspace.open(workspace)
-    standing = {s.version.version: s for s in promotion.standings(place, machine)}.get(version)
-    if standing is None:
-        raise RegistryError(f"{machine} has no version {version}.")
-    if standing.state == "champion":
-        return {"machine": machine, "version": version, "action": "approve"}
-    gate = standing.version.gate
-    verdict = "passed" if gate.get("passed") else "NOT passed"
-    page = f"# {machine}: version {version}\n\nGate {verdict}. {gate.get('words', '')}"
-    answer = suspend_flow_run(
-        wait_for_input=Decision.with_initial_data(description=page, approve=False, by="", reason=""),
-        timeout=WAIT_S,
-        key=digest_of([machine, version])[:16],  # Prefect's keys take no spaces, slashes or umlauts
-    )
-    decide = promotion.approve if answer.approve else promotion.reject
-    record = decide(place, machine, version, by=answer.by, reason=answer.reason)
-    mirror.try_reconcile(place, machine)
-    return {"machine": machine, "version": version, "action": record.action}
+    with alive(place):
+        standing = {s.version.version: s for s in promotion.standings(place, machine)}.get(version)
+        if standing is None:
+            raise RegistryError(f"{machine} has no version {version}.")
+        if standing.state == "champion":
+            return {"machine": machine, "version": version, "action": "approve"}
+        gate = standing.version.gate
+        verdict = "passed" if gate.get("passed") else "NOT passed"
+        page = f"# {machine}: version {version}\n\nGate {verdict}. {gate.get('words', '')}"
+        # Waiting, the run has no process and holds no lock; answered, it has both again.
+        answer = suspend_flow_run(
+            wait_for_input=Decision.with_initial_data(description=page, approve=False, by="", reason=""),
+            timeout=WAIT_S,
+            key=digest_of([machine, version])[:16],  # Prefect's keys take no spaces, slashes or umlauts
+        )
+        decide = promotion.approve if answer.approve else promotion.reject
+        record = decide(place, machine, version, by=answer.by, reason=answer.reason)
+        mirror.try_reconcile(place, machine)
+        return {"machine": machine, "version": version, "action": record.action}

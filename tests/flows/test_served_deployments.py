@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from plain_parts import parts as made_up
+from served_worker import offered, served, waited
 
-from flows.server import die_with_parent, prefect_server, stop
+from flows.server import prefect_server
 from pido.recordings.folder import write_folder
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
@@ -19,10 +19,6 @@ from pido.workspace import Workspace
 pytestmark = [pytest.mark.servers, pytest.mark.slow]
 MACHINE = "cmx600v"
 SETTINGS = "compare = false\n[method]\nadaptive = false\ncompare_with_model = false\n"
-OFFERED = {
-    "new-part/arrivals", "retrain/on-request", "nightly/nightly", "diagnose/newest", "promote/approval",
-    "experiment/on-request",
-}  # fmt: skip
 
 
 @pytest.fixture
@@ -32,15 +28,6 @@ def workspace(tmp_path: Path) -> Workspace:
     return Workspace.open(tmp_path / "plant")
 
 
-def waited(look, patience_s: float):
-    """What `look` returns once it is true."""
-    end = time.monotonic() + patience_s
-    while not (found := look()):
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.5)
-    return found
-
-
 def test_each_arrival_is_diagnosed_in_a_run_of_its_own_and_night_and_experiments_are_offered(workspace, tmp_path):
     with prefect_server(tmp_path / "prefect"):
         from prefect.client.orchestration import get_client
@@ -48,39 +35,25 @@ def test_each_arrival_is_diagnosed_in_a_run_of_its_own_and_night_and_experiments
 
         from flows.submit import submit
 
-        environment = {**os.environ, "PREFECT_RUNNER_POLL_FREQUENCY": "1"}
-        with (tmp_path / "worker.log").open("wb") as log:
-            worker = subprocess.Popen(
-                [sys.executable, "-m", "flows.serve", "--workspace", str(workspace.root)],
-                env=environment, stdout=log, stderr=log, start_new_session=True, preexec_fn=die_with_parent,
-            )  # fmt: skip
-        try:
-            with get_client(sync_client=True) as client:
+        with get_client(sync_client=True) as client, served(workspace, tmp_path / "worker.log", client):
 
-                def offered() -> dict:
-                    flows = {f.id: f.name for f in client.read_flows()}
-                    return {f"{flows[d.flow_id]}/{d.name}": d for d in client.read_deployments()}
+            def ended(flow: str) -> list:
+                ours = {f.id for f in client.read_flows() if f.name == flow}
+                return [r for r in client.read_flow_runs() if r.flow_id in ours and r.state.is_final()]
 
-                def ended(flow: str) -> list:
-                    ours = {f.id for f in client.read_flows() if f.name == flow}
-                    return [r for r in client.read_flow_runs() if r.flow_id in ours and r.state.is_final()]
-
-                waited(lambda: set(offered()) >= OFFERED, 120)
-                night = offered()["nightly/nightly"].schedules
-                assert [s.schedule.cron for s in night if s.active] == ["0 3 * * *"]
-                recording = next(iter(made_up(1)))
-                part = write_folder(recording, workspace.inbox / recording.part.part)
-                assert submit(str(workspace.root), str(part), "0" * 64, None)
-                arrival = waited(lambda: ended("new-part"), 180)[0]
-                diagnosed = waited(lambda: ended("diagnose"), 300)[0]
-                assert (arrival.state.name, diagnosed.state.name) == ("Completed", "Completed")
-                assert diagnosed.parent_task_run_id is None, "the iteration did not wait for it"
-                assert "diagnosis" in {a.key for a in client.read_artifacts()}
-                night_run = run_deployment("nightly/nightly", timeout=180, poll_interval=1)
-                assert night_run.state.name == "Completed"
-                assert len(ended("diagnose")) == 1, "what is diagnosed already is not asked for again"
-        finally:
-            stop(worker)
+            night = offered(client)["nightly/nightly"].schedules
+            assert [s.schedule.cron for s in night if s.active] == ["0 3 * * *"]
+            recording = next(iter(made_up(1)))
+            part = write_folder(recording, workspace.inbox / recording.part.part)
+            assert submit(str(workspace.root), str(part), "0" * 64, None)
+            arrival = waited(lambda: ended("new-part"), 180)[0]
+            diagnosed = waited(lambda: ended("diagnose"), 300)[0]
+            assert (arrival.state.name, diagnosed.state.name) == ("Completed", "Completed")
+            assert diagnosed.parent_task_run_id is None, "the iteration did not wait for it"
+            assert "diagnosis" in {a.key for a in client.read_artifacts()}
+            night_run = run_deployment("nightly/nightly", timeout=180, poll_interval=1)
+            assert night_run.state.name == "Completed"
+            assert len(ended("diagnose")) == 1, "what is diagnosed already is not asked for again"
     assert (workspace.root / "diagnosis" / MACHINE / "diagnosis.json").exists()
     [iteration] = Ledger(workspace.ledger).iterations(MACHINE)
     assert "diagnosis/report.html" in logged(workspace, iteration.logged)

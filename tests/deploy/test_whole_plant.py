@@ -1,0 +1,215 @@
+"""A whole plant as `make plant` starts it: parts arrive, a version is promoted, people look at it in a browser, all of
+it is saved, destroyed and brought back. One plant for all tests of this module, in their order."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+from plain_parts import parts as made_up
+from plain_parts import with_simulation
+
+from benchmarks.plant_chaos import Plant, full_state, in_mlflow, settled, until
+from deploy import postgres
+from pido.core.errors import PidoError
+from pido.recordings.folder import write_folder
+from pido.tracking import promotion
+from pido.tracking.ledger import Ledger
+
+MACHINE = "cmx600v"
+SETTINGS = "[method]\nadaptive = false\ncompare_with_model = false\n"
+PARTS = 3
+PATIENCE_S = 300
+
+
+def _installed() -> bool:
+    try:
+        postgres.programs()
+        postgres.user()
+    except PidoError:
+        return False
+    return True
+
+
+pytestmark = [
+    pytest.mark.servers,
+    pytest.mark.slow,
+    pytest.mark.skipif(not _installed(), reason="PostgreSQL is not installed (Debian: apt-get install postgresql)"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[Path]:
+    """Where the database's own user may enter, which pytest's temporary folders are not."""
+    folder = Path(tempfile.mkdtemp(prefix="pido-plant-", dir="/tmp"))
+    folder.chmod(0o755)
+    yield folder
+    shutil.rmtree(folder)
+
+
+@pytest.fixture(scope="module")
+def plant(place: Path) -> Iterator[Plant]:
+    (place / "old" / "workspace").mkdir(parents=True)
+    (place / "old" / "workspace" / "workspace.toml").write_text(SETTINGS)
+    with Plant(place / "old", place / "old.log") as running, running.as_client():
+        for part in made_up(PARTS):
+            folder = write_folder(with_simulation(part).rows(slice(0, 700)), place / "parts" / part.part.part)
+            running.drop(folder)
+        yield running
+
+
+def artifacts(plant: Plant) -> dict[str, str]:
+    """Key -> content of the artifacts on Prefect's pages."""
+    from prefect.client.orchestration import get_client
+
+    with plant.as_client(), get_client(sync_client=True) as client:
+        return {a.key: str(a.data) for a in client.read_artifacts() if a.key}
+
+
+def test_parts_that_arrive_are_taken_and_a_version_that_passed_its_gate_is_promoted_from_the_command_line(plant):
+    ledger = Ledger(plant.workspace.ledger)
+    until(lambda: len(ledger.parts(MACHINE)) == PARTS, "the parts were not taken")
+    assert settled(plant, MACHINE, {}) == ""
+    version = [v.version for v in ledger.versions(MACHINE) if v.gate["passed"]][-1]
+    assert plant.decide("approve", str(version)).wait(120) == 0
+    record = promotion.champion(plant.workspace, MACHINE)
+    assert record is not None
+    assert (record.version, record.by) == (version, "chaos")
+    assert settled(plant, MACHINE, {}) == "", "MLflow's aliases have followed"
+
+
+def test_the_physics_of_the_newest_parts_was_looked_at(plant):
+    found = until(lambda: {"iteration", "diagnosis"} <= set(artifacts(plant)) and artifacts(plant), "no diagnosis")
+    assert f"Diagnosis of {MACHINE}" in found["diagnosis"]
+    until(lambda: "diagnosis-report" in artifacts(plant), "no link to the report in MLflow")
+    assert "RMSE" in found["iteration"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A Chromium without a window. PIDO_SCREENSHOTS names a folder for pictures of what it saw."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not chromium or not driver:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium chromium-driver)")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1600,1300"):
+        options.add_argument(argument)
+    found = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    found.set_page_load_timeout(PATIENCE_S)
+    yield found
+    found.quit()
+
+
+def shows(browser, picture: str, *words: str) -> None:
+    """Wait until all words stand on the page."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    def missing() -> list[str]:
+        text = browser.find_element(By.TAG_NAME, "body").text
+        return [word for word in words if word not in text]
+
+    try:
+        WebDriverWait(browser, PATIENCE_S, ignored_exceptions=[Exception]).until(lambda _: not missing())
+    finally:
+        if folder := os.environ.get("PIDO_SCREENSHOTS"):
+            browser.save_screenshot(str(Path(folder) / f"{picture}.png"))
+
+
+def frame(browser) -> None:
+    """Into the frame that MLflow shows an artifact in."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support import expected_conditions as seen
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    wait = WebDriverWait(browser, PATIENCE_S)
+    wait.until(seen.frame_to_be_available_and_switch_to_it((By.TAG_NAME, "iframe")))
+
+
+@pytest.fixture
+def mlflow_pages(plant, browser):
+    """Opens a place on MLflow's pages, logged in; and the experiment and the runs of the machine, newest first."""
+    from mlflow import MlflowClient
+
+    settings = plant.settings
+    with plant.as_client():
+        client = MlflowClient(settings.mlflow_uri, settings.mlflow_uri)
+        experiment = client.get_experiment_by_name(f"pido {MACHINE}").experiment_id
+        runs = sorted(client.search_runs([experiment]), key=lambda r: -int(r.data.tags["pido.version"]))
+    login = f"{quote(settings.mlflow_user)}:{quote(settings.mlflow_password)}@"
+
+    def visit(place: str) -> None:
+        browser.get("about:blank")  # a page that differs behind the # alone is not loaded anew
+        browser.get(settings.mlflow_uri.replace("://", f"://{login}") + "/#/" + place)
+
+    return visit, experiment, runs
+
+
+@pytest.mark.browser
+def test_mlflow_shows_the_machine_its_runs_and_what_an_engineer_asks_first(mlflow_pages, browser):
+    visit, experiment, runs = mlflow_pages
+    names = [run.info.run_name for run in runs]
+    visit("experiments")
+    shows(browser, "experiments", f"pido {MACHINE}")
+    visit(f"experiments/{experiment}/runs?workflowType=machine_learning")
+    shows(browser, "runs", *names)
+    newest = runs[0].info.run_id
+    visit(f"experiments/{experiment}/runs/{newest}")
+    shows(browser, "run", names[0], f"Version {PARTS}", "Gate:", "rmse_x/both", "real")
+    both = quote(json.dumps([run.info.run_id for run in runs[:2]]))
+    visit(f"compare-runs?runs={both}&experiments={quote(json.dumps([experiment]))}")
+    shows(browser, "compare", *names[:2], "rmse_x/both")
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(("path", "words"), [("report/index.html", "RMSE"), ("diagnosis/report.html", MACHINE)])
+def test_a_report_is_shown_inside_mlflows_page(mlflow_pages, browser, path, words):
+    visit, experiment, runs = mlflow_pages
+    visit(f"experiments/{experiment}/runs/{runs[0].info.run_id}/artifacts/{path}")
+    frame(browser)
+    shows(browser, path.replace("/", "-"), words)
+    browser.switch_to.default_content()
+
+
+@pytest.mark.browser
+def test_prefects_pages_show_the_iteration_and_link_to_the_report_in_mlflow(plant, browser):
+    settings = plant.settings
+    root = settings.prefect_api.removesuffix("/api")
+    browser.get(root)
+    login = base64.b64encode(f"{settings.prefect_user}:{settings.prefect_password}".encode()).decode()
+    browser.execute_script("localStorage.setItem('prefect-password', arguments[0])", login)
+    browser.get(f"{root}/artifacts/key/iteration")
+    shows(browser, "prefect-iteration", "version", "RMSE in A")
+    browser.get(f"{root}/artifacts/key/diagnosis")
+    shows(browser, "prefect-diagnosis", f"Diagnosis of {MACHINE}")
+
+
+def test_everything_comes_back_in_another_folder_after_the_plant_was_destroyed(plant, place):
+    before = full_state(plant.workspace, MACHINE)
+    assert len(before["parts"]) == PARTS
+    call = [sys.executable, "-m", "deploy.plant", "--folder"]
+    archive = str(place / "backup.tar")
+    subprocess.run([*call, str(plant.folder), "backup", archive], check=True)
+    plant.stop()
+    assert plant.left() == [], "nothing of a plant that was stopped is left running"
+    shutil.rmtree(plant.folder)
+    subprocess.run([*call, str(place / "new"), "restore", archive], check=True)
+    with Plant(place / "new", place / "new.log") as again, again.as_client():
+        assert settled(again, MACHINE, before) == ""
+        assert in_mlflow(again, MACHINE) == ""
+        assert {"iteration", "diagnosis"} <= set(artifacts(again))
+    assert again.left() == []
