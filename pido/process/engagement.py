@@ -18,6 +18,13 @@ from pido.core.arrays import Float1D
 from pido.core.machining import Tool
 from pido.physics.cutting import engagement_arc
 
+RESOLVED_MM = 0.01
+"""Walls in the map are no finer than this. What a shorter step removes beyond one tool width is a remainder of the
+steps before it: as depth of cut it would be metres."""
+STILL_MM = 1e-4
+"""Over a shorter way the side does not cut: where z > 1, as for aluminium, Kienzle's force grows without bound as the
+chip vanishes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Engagement:
@@ -90,14 +97,14 @@ def engagement(
     depth : (n,), mm – axial depth at the side
     across, down : (n,), mm – length of the step across the tool, and into the depth
     """
-    cuts = (side > 0) & (depth > 0) & (across > 0)
+    cuts = (side > 0) & (depth > 0) & (across > STILL_MM)
     a_p = np.where(cuts, depth, 0.0)
     d_eff, section = width_and_section(tool, a_p)
     fill = np.divide(side, across * section, out=np.zeros(len(side)), where=cuts & (section > 0))
     a_e = np.minimum(fill, 1.0) * d_eff
     edge_depth = np.divide(section, d_eff, out=np.zeros(len(side)), where=d_eff > 0)
     # What a long step removes beyond one tool width (a corner, a curved path) cuts over the whole arc, only deeper.
-    edge_depth = edge_depth * np.maximum(fill, 1.0)
+    edge_depth = edge_depth * np.maximum(fill * np.minimum(across / RESOLVED_MM, 1.0), 1.0)
     room = (d_eff - a_e) / 2
     middle = np.clip(np.where(cuts, offset, 0.0), -room, room)
     radius = np.where(d_eff > 0, d_eff / 2, 1.0)

@@ -14,6 +14,7 @@ from pido.core.machining import Machine, Stock, Tool
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.preparation import job_of
+from pido.process.engagement import engagement
 from pido.process.motion import Dynamics
 from pido.process.quantities import area_removal, process_quantities
 from pido.process.samples import to_samples
@@ -90,6 +91,28 @@ def test_a_horizontal_spindle_cuts_the_same_chip_along_its_own_axes(axis, order)
     names = [f"f_{c}_sim" for c in "xyz"]
     for i, name in enumerate(names):
         np.testing.assert_allclose(lying[names[order[i]]], upright[name], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["S235JR", "AL2007T4"])
+@pytest.mark.parametrize("way", [0.0, 1e-6, 1e-5, 1e-4, 1e-3])
+def test_a_tool_that_stops_in_the_material_and_is_lifted_feels_no_more_than_in_the_cut(name, way):
+    cut = slot()[:200]
+    lifted = cut[-1] + np.c_[np.minimum(np.arange(1, 21), 2) * way, np.zeros(20), np.cumsum(np.arange(1, 21) * 0.05)]
+    done = process_quantities(
+        recorded(np.r_[cut, lifted]), stock=STOCK, tools=TOOLS, material=material(name), machine=MILL
+    )
+    force = np.linalg.norm([done[f"f_{a}_sim"] for a in "xyz"], axis=0)
+    # with z = 1.08 the force of a thin chip is higher: 1e-4 mm in 40 ms is a chip 4000 times as thin
+    assert force[200:].max() <= force[100:199].max() * (1.0 if name == "S235JR" else 4000.0**0.08)
+
+
+def test_what_a_step_cuts_beyond_one_width_is_depth_only_where_the_tool_went_somewhere():
+    ten = TOOLS["T10"]
+    side, across = np.array([88.0, 0.088]), np.array([1.0, 1e-3])  # twice the slot of 4.4 mm, on 1 mm and on a hair
+    none = np.zeros(2)
+    state = engagement(ten, side, none, none, np.full(2, 4.4), across, none)
+    np.testing.assert_allclose(state.edge_depth, [8.8, 4.4])
+    np.testing.assert_allclose(state.a_e, 10.0)
 
 
 def test_half_the_sample_rate_sees_the_same_removal_rate():

@@ -11,9 +11,10 @@ from pido.core.errors import PidoError, ProgramError, SettingsError
 from pido.core.machining import Stock
 from pido.synthetic.effects import Effect
 from pido.synthetic.equip import equip, noise_rms
-from pido.synthetic.families import impellers, random_contours
+from pido.synthetic.families import impellers, random_contours, variants
 from pido.synthetic.machine import produce
 from pido.synthetic.mills import newer_vertical, worn_horizontal
+from pido.synthetic.parts import plan_course
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +127,27 @@ def test_an_impeller_family_differs_from_part_to_part():
     machine = newer_vertical().machine
     programs = [job.program for job in impellers(machine, 12)]
     assert len(set(programs)) == 12
+
+
+@pytest.mark.parametrize("mill", [worn_horizontal(), newer_vertical()], ids=lambda m: m.machine.id)
+def test_no_rapid_cuts_more_than_the_rounded_corner_where_it_lifts_off(mill):
+    jobs = [
+        *impellers(mill.machine, 1, seed=3),
+        *(variants(mill.machine, shape, "AL2007T4", vary="a_p")[2] for shape in ("gear", "plate", "notch")),
+        *(
+            random_contours(mill.machine, 1, np.random.default_rng(seed), material=material, seconds=40.0)[0]
+            for seed, material in enumerate(("AL2007T4", "S235JR", "POM-C"))
+        ),
+    ]
+    for job in jobs:
+        course = plan_course(job, mill.machine)
+        blocks = np.array([block.startswith("G0 ") for block in job.program.split("\n")])
+        rapid = blocks[np.clip(course.nc_line - 1, 0, None)]
+        force = np.linalg.norm([course.force[a] for a in "xyz"], axis=0)
+        assert force[rapid].max() <= force[~rapid].max(), job.name
+        assert course.mrr[rapid].sum() < 0.003 * course.mrr.sum(), job.name
+        speed = np.linalg.norm([course.v[a] for a in "xyz"], axis=0)
+        assert speed[rapid & course.cutting].max(initial=0.0) < 0.1 * speed[rapid].max(), job.name
 
 
 def _job(mill, **changes):
