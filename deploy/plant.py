@@ -26,6 +26,8 @@ from flows.server import ServerError, die_with_parent, free_port, stop
 from pido.core.errors import PidoError
 
 Running = dict[str, "subprocess.Popen[bytes]"]
+STEADY_S = 600.0
+"""A service that ran so long is started again at once when it dies, whatever was before, s."""
 
 
 class Plant:
@@ -36,6 +38,7 @@ class Plant:
         self.services = [s for s in services(settings) if not only or s.name in only]
         self.running: Running = {}
         self._failures: dict[str, int] = {}
+        self._started: dict[str, float] = {}
 
     def __enter__(self) -> Plant:
         try:
@@ -49,8 +52,11 @@ class Plant:
     def __exit__(self, *error: object) -> None:
         self.stop()
 
-    def start(self, service: Service) -> None:
-        """Start and wait until healthy. Raises ServerError with the end of its log."""
+    def start(self, service: Service, *, alone: bool = True) -> None:
+        """Start and wait until healthy. Raises ServerError with the end of its log.
+
+        alone : wait for this one whatever becomes of the others; else one that it may need is not kept waiting
+        """
         log = self.settings.folder / "logs" / f"{service.name}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
         for stale in self.settings.workspace.glob(f"{service.name}.alive"):
@@ -61,25 +67,30 @@ class Plant:
                 service.command, env={**_plain_environment(), **service.environment}, stdout=out, cwd=_root(service),
                 stderr=subprocess.STDOUT, start_new_session=True, preexec_fn=die_with_parent, user=service.user,
             )  # fmt: skip
+        self._started[service.name] = time.monotonic()
         process, deadline = self.running[service.name], time.monotonic() + service.patience_s
         while not service.healthy():
+            if not alone and any(p.poll() is not None for p in self.running.values() if p is not process):
+                return
             if process.poll() is not None or time.monotonic() > deadline:
                 tail = log.read_text(encoding="utf-8", errors="replace")[-2000:]
                 raise ServerError(f"{service.name} did not become healthy. The end of {log}:\n{tail}")
             time.sleep(0.2)
 
     def look_after(self) -> None:
-        """Start again what has died. One that dies again and again is given more and more time."""
+        """Start again what has died. One that dies soon, again and again, is given more and more time."""
         for service in self.services:
             process = self.running.get(service.name)
             if process is None or process.poll() is None:
                 continue
+            if time.monotonic() - self._started[service.name] > STEADY_S:
+                self._failures[service.name] = 0
             self._failures[service.name] = self._failures.get(service.name, 0) + 1
             click.echo(f"{service.name} ended with {process.returncode}; it is started again", err=True)
             stop(process)  # what it may have left behind
             time.sleep(min(2.0 ** (self._failures[service.name] - 1) - 1, 60.0))
             try:
-                self.start(service)
+                self.start(service, alone=False)
             except ServerError as error:
                 click.echo(str(error), err=True)
 
