@@ -47,7 +47,7 @@ def command(
     import orjson
 
     from pido import config
-    from pido.core.errors import PidoError, StoreError
+    from pido.core.errors import PidoError, UnavailableError
     from pido.recordings import read_recording
     from pido.recordings.check import check
     from pido.recordings.faults import ERROR
@@ -70,8 +70,8 @@ def command(
             reason = "\n".join(str(f) for f in faults if f.severity == ERROR)
             if not reason:
                 entry = store.add(recording, source=path.name)
-        except StoreError as error:
-            reason = str(error)
+        except UnavailableError:
+            raise  # the disk's fault: nothing is rejected for it
         except PidoError as error:
             reason = str(error)
         failed |= entry is None
