@@ -18,6 +18,7 @@ from pido.core.columns import CURRENT, CURRENT_SIM, POSITION, VELOCITY
 from pido.core.errors import DiagnosisError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
+from pido.diagnosis.faults import beyond_load
 from pido.diagnosis.state import motion
 
 LEAST_ROWS = 500
@@ -76,8 +77,21 @@ def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: 
             "nothing can be compared: "
             + ("; ".join(reasons) or "no part has a recorded current (curr_x, curr_y, curr_z, curr_sp).")
         )
-    notes += reasons
+    notes += [*reasons, *_beyond_load(parts)]
     return axes
+
+
+def _beyond_load(parts: Sequence[Recording]) -> list[str]:
+    notes = []
+    for r in parts:
+        rows = np.flatnonzero(beyond_load(r))
+        if len(rows):
+            notes.append(
+                f"part {r.part.part}: {len(rows)} samples from {r.time[rows[0]]:.2f} s on have a simulated load many "
+                "times that of all others, as of a rapid through material; they are left out. Check the simulation "
+                "there."
+            )
+    return notes
 
 
 def _no_current(parts: Sequence[Recording], axis: str) -> str | None:

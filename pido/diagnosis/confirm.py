@@ -18,7 +18,7 @@ from scipy import stats
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.finding import HeldOut
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch
-from pido.diagnosis.terms import Term, held_back, solve
+from pido.diagnosis.terms import Term, held_back, solve, solve_normal
 from pido.diagnosis.whiten import Noise
 
 _DRAWS = 400
@@ -119,11 +119,15 @@ def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold
     X, y = noise.whiten(design), noise.whiten(mismatch.target[None])[0]
     out = np.empty(mismatch.n)
     fold = mismatch.fold if fold is None else fold
-    ridge = held_back(X, len(mismatch.base), terms, columns)
-    for k in np.unique(fold):
-        out_rows = fold == k
-        beta, _ = solve(X[:, ~out_rows], y[~out_rows], ridge)
-        out[out_rows] = mismatch.target[out_rows] - beta @ design[:, out_rows]
+    ridge = np.diag(held_back(X, len(mismatch.base), terms, columns))
+    members = [np.flatnonzero(fold == k) for k in np.unique(fold)]
+    within = [(X[:, rows], y[rows]) for rows in members]
+    grams = np.array([a @ a.T for a, _ in within])
+    inner = np.array([a @ b for a, b in within])
+    for k, rows in enumerate(members):
+        others = np.arange(len(members)) != k
+        beta, _ = solve_normal(grams[others].sum(axis=0) + ridge, inner[others].sum(axis=0))
+        out[rows] = mismatch.target[rows] - beta @ design[:, rows]
     return out
 
 

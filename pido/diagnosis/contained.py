@@ -23,14 +23,36 @@ from pido.diagnosis.whiten import Noise
 
 _ROWS = 6_000  # that are looked at: the simulated current is the same to the last digit however many there are
 _FRACTION = 0.3  # of the mismatch's noise level
-_LEAST_SHARE = 0.02  # of the simulated current's rms that a component must have
+_LEAST_SHARE = 0.005  # of the simulated current's rms that a component must have
+_LEAST_LEVEL = 0.5  # of the mismatch's noise level that it must have
 _LEAST_OWN = 0.1  # of what no component explains, that only this one does
 _AROUND = 5  # rows
 _LASTING = 0.5  # correlation of a component with itself one row later
 _LEAST_GAIN = 30.0  # BIC
 _MOST = 7
+# What few simulations have, and what can imitate what most of them have (friction that a warm machine changes, or that
+# varies along the travel with a mean of its own), is asked for when the usual is in.
+_LATER = frozenset(
+    {
+        "friction_asymmetry",
+        "position_dependent_friction",
+        "thermal_drift",
+        "tool_wear",
+        "coolant_load",
+        "axis_coupling",
+        "backlash",
+    }
+)
 NOT_A_COMPONENT = frozenset(
-    {"sensor_gain", "sensor_offset", "sensor_clipping", "time_misalignment", "current_saturation", "external_force"}
+    {
+        "sensor_gain",
+        "sensor_offset",
+        "sensor_clipping",
+        "time_misalignment",
+        "current_saturation",
+        "external_force",
+        "material_hard_zone",
+    }
 )
 
 
@@ -57,23 +79,40 @@ def contained(
     faint = replace(faint, level=np.hypot(level, np.where(thin.usable, amiss, 0.0)))
     library = Library(problem, offered)
     library.whiten(faint)
-    terms: list[Term] = []
-    # Beside a constant, friction on one side is Coulomb's: a difference of the sides is asked for when that is in.
-    for later in ({"friction_asymmetry"}, set()):
-        while len(terms) < _MOST:
-            current = basis(library, faint, terms)
-            best = best_addition(library, current, later | {t.name for t in terms})
-            if best is None or best.bic > current.bic - _LEAST_GAIN:
-                break
-            terms.append(best.term)
-    terms = drop_useless(library, faint, swap(library, faint, terms), _LEAST_GAIN)
-    joint = fit(problem, faint, terms)
-    size = float(np.sqrt(np.mean(sim[thin.usable] ** 2)))
-    out = {}
-    for i, (term, amplitudes) in enumerate(zip(terms, joint.amplitudes, strict=True)):
-        effect = amplitudes @ term.columns(problem.states)
-        without = basis(library, faint, [t for k, t in enumerate(terms) if k != i]).rss
-        large = float(np.sqrt(np.mean(effect[thin.usable] ** 2))) > _LEAST_SHARE * size
-        if large and lasting(mismatch, term) > _LASTING and without > (1 + _LEAST_OWN) * joint.rss:
-            out[term.mechanism.id] = term
+    usual = swap(library, faint, _greedy(library, faint, [], _LATER), _LATER)
+    usual = drop_useless(library, faint, usual, _LEAST_GAIN)
+    least = max(
+        _LEAST_SHARE * float(np.sqrt(np.mean(sim[thin.usable] ** 2))), _LEAST_LEVEL * float(np.median(noise.level))
+    )
+    every = _greedy(library, faint, usual)
+    out = {
+        t.mechanism.id: t
+        for t in every
+        if lasting(mismatch, t) > _LASTING and _is_there(library, faint, usual if t in usual else every, t, least)
+    }
+    level_of_all = float(fit(problem, faint, every).base[0])
+    weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
+    # What a simulation draws at all times on a vertical axis is the weight.
+    if weight is not None and abs(level_of_all) > least:
+        out.setdefault(weight.mechanism.id, weight)
     return out
+
+
+def _is_there(library: Library, noise: Noise, terms: Sequence[Term], term: Term, least: float) -> bool:
+    """Whether a term is larger than `least` (A, rms) beside the others, and explains what they do not."""
+    joint = fit(library.mismatch, noise, terms)
+    effect = joint.amplitudes[list(terms).index(term)] @ library.columns(term)
+    without = basis(library, noise, [t for t in terms if t is not term]).rss
+    large = float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2))) > least
+    return large and without > (1 + _LEAST_OWN) * joint.rss
+
+
+def _greedy(library: Library, noise: Noise, terms: list[Term], without: frozenset[str] = frozenset()) -> list[Term]:
+    """`terms`, and the best single additions but those `without`, while each is worth it."""
+    while len(terms) < _MOST:
+        current = basis(library, noise, terms)
+        best = best_addition(library, current, without | {t.name for t in terms})
+        if best is None or best.bic > current.bic - _LEAST_GAIN:
+            break
+        terms = [*terms, best.term]
+    return terms

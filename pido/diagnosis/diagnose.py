@@ -43,6 +43,7 @@ from pido.diagnosis.identify import (
     plainest,
     rivals_of,
     rms_held_out,
+    seen_slowly,
     select_terms,
 )
 from pido.diagnosis.locate import score
@@ -56,7 +57,7 @@ from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.unnamed import with_unknown
-from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
+from pido.diagnosis.whiten import Averaged, Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
@@ -314,23 +315,31 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
     terms = by_error(library, terms, questions)
     if terms != former:
         noise = noise_of(mismatch, noise, terms)
+    terms, noise = seen_slowly(library, noise, terms)
     library.whiten(noise)
     former = terms
     terms, note = with_unknown(library, noise, terms, int(rng.integers(2**31)))
     if note is not None:
         answer.notes.append(note)
-    if terms != former:
+    if terms != former and not isinstance(noise, Averaged):
         noise = noise_of(mismatch, noise, terms)
     terms = plainest(library, noise, terms)
-    terms = confirm(library, noise, terms, answer, questions)
+    offered, terms = terms, confirm(library, noise, terms, answer, questions)
+    if len(terms) < len(offered):
+        # What fell may have stood for something that no name of the catalogue says.
+        wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
+        trial = Answer(mismatch.axis)
+        if wider != terms and len(confirm(library, noise, wider, trial, questions)) == len(wider):
+            terms = wider
+            answer.p_values, answer.q_values = trial.p_values, trial.q_values
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
     for better in (likelier, plainest):
         other = better(library, noise, terms)
         trial = Answer(mismatch.axis)
-        if other != terms and len(confirm(library, noise, other, trial, questions, SIGNIFICANT_NAME)) == len(other):
-            taken = {t.name for t in other}
-            kept = [r for r in answer.rejected if r.mechanism not in taken]
-            terms, answer.rejected = other, kept
+        kept = confirm(library, noise, other, trial, questions, SIGNIFICANT_NAME) if other != terms else terms
+        if kept != terms and (len(kept) == len(other) or _as_good(mismatch, kept, terms)):
+            taken = {t.name for t in kept}
+            terms, answer.rejected = kept, [r for r in answer.rejected if r.mechanism not in taken]
             answer.p_values, answer.q_values = trial.p_values, trial.q_values
     if terms and not timed:
         library = Library(mismatch, rivals, _any_sign(look.inside))
@@ -341,6 +350,13 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
     answer.delta_bic = [basis(library, noise, _without(terms, i)).bic - whole for i in range(len(terms))]
     answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]
     return answer
+
+
+def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
+    """Whether no more terms leave an error on unseen folds that is hardly larger."""
+    plain = even(mismatch)
+    errors = [rms_held_out(mismatch, plain, t) for t in (fewer, terms)]
+    return 0 < len(fewer) <= len(terms) and errors[0] < errors[1] / _LESS_ERROR
 
 
 def _settle(

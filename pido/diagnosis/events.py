@@ -63,6 +63,7 @@ class Rhythm(Mechanism):
     id: ClassVar[str] = "unknown"
     equation: ClassVar[str] = "dI = A * sin(2 pi t / T) + B * cos(2 pi t / T)"
     kind: ClassVar[Any] = "unexplained"
+    looked_at: ClassVar[int] = 10_000  # frequencies
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("A", "A"), Parameter("B", "A"))
     shape: ClassVar[tuple[Parameter, ...]] = (Parameter("T", "s", low=1e-3, high=1e5, scale="log"),)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, POSITION, VELOCITY
+from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
 from pido.core.recording import Recording
 from pido.diagnosis.consistency import FROZEN, JUMP, contradictions, runs
 
@@ -23,6 +23,8 @@ from pido.diagnosis.consistency import FROZEN, JUMP, contradictions, runs
 _V_MOST = {"lin": 5000.0, "sp": 9.0e5}
 _A_MOST = {"lin": 2.0e5, "sp": 9.0e7}
 _DISPLACED = "displaced since a jump: a counter reset"
+_BEYOND_LOAD = 8.0  # times the load that one in a hundred loaded samples exceeds
+_FEW_LOADED = 200  # samples with a load, below which none is called extreme
 _FLAT_SHARE = 2e-3  # of the samples must lie exactly at a current's extreme to call it a limit
 
 
@@ -47,6 +49,22 @@ def input_faults(recording: Recording) -> dict[str, tuple[Fault, ...]]:
             if found:
                 out[column] = tuple(sorted(found))
     return out
+
+
+def beyond_load(recording: Recording) -> Bool1D:
+    """(n,) – rows with a simulated load that the rest of the part comes nowhere near, as of a rapid through material.
+
+    The few of them would decide every fit of what depends on the load.
+    """
+    rows = np.zeros(len(recording), bool)
+    for name in (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim"):
+        if name not in recording:
+            continue
+        size = np.abs(np.nan_to_num(np.asarray(recording[name], float)))
+        loaded = size[size > 0]
+        if len(loaded) >= _FEW_LOADED:
+            rows |= size > _BEYOND_LOAD * float(np.quantile(loaded, 0.99))
+    return rows
 
 
 def faulty(recording: Recording, axis: str) -> Bool1D:

@@ -38,11 +38,13 @@ from pido.diagnosis.select import (
 )
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unknown import LEVEL, flexible_rest
-from pido.diagnosis.whiten import Noise, estimate_noise
+from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
 LEAST_EFFECT = 0.1  # of the noise level, rms where active: a smaller effect is of no use to anybody
+# The same for what no law stands behind: noise itself wanders as much, over seconds and around single frequencies.
+LEAST_NAMELESS = 0.3
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term
 # whose shape is free, and of one that can take a single form only.
@@ -52,6 +54,8 @@ HELD = 0.8  # share of a presliding friction's power at standstill, above which 
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
+CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by which one confined to a box must beat it
+MORE_REMOVED = 0.1  # of what the terms remove on unseen folds, that others must remove beyond it to replace them
 _CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
 SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
 
@@ -127,16 +131,21 @@ def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
     return estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable)
 
 
-def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), regions: bool = True) -> list[Term]:
-    """Forward steps with swaps and backward steps, confined versions and events included."""
+def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), in_time: bool = True) -> list[Term]:
+    """Forward steps with swaps and backward steps, confined versions included.
+
+    in_time : with waves and forces over intervals, which are tied to no state
+    """
     library.whiten(noise)
     terms = list(start)
     seen: set[tuple[str, ...]] = set()
     while True:
         current = basis(library, noise, terms)
         full = len(terms) >= MOST_TERMS
-        best = None if full else next_named(library, noise, terms, regions)
+        best = None if full else next_named(library, noise, terms)
         if best is None or best.bic > current.bic - LEAST_GAIN:
+            if not in_time:
+                return terms
             # Levels over a dozen intervals can stand for any law: they come when the laws have been asked. But laws
             # that only a few blocks speak for may have been standing for them.
             kept = _supported(library, noise, terms)
@@ -150,6 +159,27 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), reg
         if names in seen:
             return terms
         seen.add(names)
+
+
+def seen_slowly(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[list[Term], Noise]:
+    """What a search by averages over the noise's memory finds, where that makes the plain error clearly smaller.
+
+    Where no textbook form is quite the machine's, its quick part (how a load rises as the tool enters) is wrong first,
+    and weights that whiten listen to nothing else.
+    """
+    mismatch = library.mismatch
+    residual = flexible_rest(mismatch, fit(mismatch, noise, terms).residual)
+    slow = averaged(noise, residual, mismatch.part, mismatch.usable)
+    if slow is None:
+        return list(terms), noise
+    found = select_terms(library, slow, in_time=False)
+    library.whiten(noise)
+    plain = even(mismatch)
+    nothing, former, trial = (cross_residual(mismatch, plain, t) ** 2 for t in ((), terms, found))
+    more = float(np.sum((former - trial)[mismatch.usable]))
+    if more <= MORE_REMOVED * float(np.sum((nothing - former)[mismatch.usable])):
+        return list(terms), noise
+    return (found, slow) if paired_p(former - trial, mismatch, mismatch.usable) < SIGNIFICANT else (list(terms), noise)
 
 
 def _supported(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
@@ -259,23 +289,21 @@ def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term])
     return terms
 
 
-def next_named(library: Library, noise: Noise, terms: Sequence[Term], regions: bool) -> Score | None:
+def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score | None:
     """The best single addition of the catalogue: a mechanism that acts anywhere, or one confined to a box."""
     current = basis(library, noise, terms)
     taken = {t.name for t in terms}
     residual = fit(library.mismatch, noise, terms).residual
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
-    if regions:
-        # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere.
-        shortlist = [
-            s for s in shortlist_of(library.screen(current), taken)[:8] if s.term.mechanism.kind != "data_fault"
-        ]
-        if "unknown" not in taken:
-            # Within a box even a constant is something that no mechanism of the catalogue says.
-            shortlist.append(Score(Term(LEVEL), 0.0, current.bic, np.zeros(1)))
-        confined = best_region(library, current, shortlist)
-        if confined is not None and (best is None or confined.bic < best.bic - CLEARLY):
-            best = confined
+    # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere.
+    shortlist = [s for s in shortlist_of(library.screen(current), taken)[:8] if s.term.mechanism.kind != "data_fault"]
+    if "unknown" not in taken:
+        # Within a box even a constant is something that no mechanism of the catalogue says.
+        shortlist.append(Score(Term(LEVEL), 0.0, current.bic, np.zeros(1)))
+    confined = best_region(library, current, shortlist)
+    everywhere = 0.0 if best is None else max(0.0, current.bic - best.bic)
+    if confined is not None and (best is None or confined.bic < best.bic - CLEARLY - CONFINED * everywhere):
+        best = confined
     return best
 
 
@@ -369,7 +397,7 @@ def confirm(
         # twice. Each shape that was tried is a question of its own.
         both = [whitened(mismatch, n, terms) for n in (noise, even(mismatch))]
         p = [2 * min(p_value(model, i, mismatch.block) for model in both) for i in range(len(terms))]
-        tried = [min(1.0, v * np.exp(0.5 * library.charge(t))) for v, t in zip(p, terms, strict=True)]
+        tried = [min(1.0, v * _claims(library, t)) for v, t in zip(p, terms, strict=True)]
         q = q_values(tried, questions)
         worst = int(np.argmax(q))
         reason = f"q = {q[worst]:.2g}, not significant over {questions} questions" if q[worst] > level else None
@@ -383,6 +411,12 @@ def confirm(
     return terms
 
 
+def _claims(library: Library, term: Term) -> float:
+    """How many shapes, limits of a region and, without a name, formulas were looked at before this term was chosen."""
+    unnamed = term.mechanism.looked_at if term.name == "unknown" else 1
+    return float(np.exp(0.5 * library.charge(term))) * unnamed
+
+
 def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[int, str | None]:
     """The first term that is too small, brings nothing on unseen folds, or only mends the misfit of the others."""
     joint = fit(mismatch, noise, terms)
@@ -392,8 +426,9 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
     for i, term in enumerate(terms):
         active = _active(mismatch, effects[i])
         rms = float(np.sqrt(np.mean(effects[i][active] ** 2))) if active.any() else 0.0
-        if rms < LEAST_EFFECT * level:
-            return i, f"{rms:.2g} A where it acts, under {LEAST_EFFECT:.0%} of the noise"
+        least = LEAST_NAMELESS if term.name in ("unknown", "external_force") else LEAST_EFFECT
+        if rms < least * level:
+            return i, f"{rms:.2g} A where it acts, under {least:.0%} of the noise"
         if term.mechanism.transient and lasting(mismatch, term) < LASTING:
             return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
         others = [t for k, t in enumerate(terms) if k != i]

@@ -12,15 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.terms import Term, bic
+from pido.diagnosis.terms import Term, bic, inside
 from pido.diagnosis.whiten import Noise
 
 MOST_TERMS = 8  # on one axis; more named terms than this is a description, not a diagnosis
@@ -29,7 +31,9 @@ _SHORTLIST = 6  # mechanisms whose shape is refined in each step
 _TIE = 4.0  # BIC: of mechanisms this close, the one with fewer free numbers is taken
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
 _FEW_ROWS = 100  # in either direction, below which the sign of a current is taken as it comes
+_CLEARLY_NEGATIVE = 0.2  # of the current's root mean square
 _CHUNK = 64  # rows whitened at a time
+_REMEMBERED = 128  # terms, and gates, whose rows are kept at hand
 _FORBIDDEN_SE = 2.5  # standard errors by which an amplitude may lie outside its plausible range
 
 
@@ -58,6 +62,8 @@ class Library:
         self.any_sign = any_sign
         self.polarity = polarity(mismatch)
         self.terms: list[Term] = []
+        self.everywhere = lru_cache(_REMEMBERED)(lambda term: term.columns(mismatch.states))
+        self.inside = lru_cache(_REMEMBERED)(lambda gate: np.concatenate([inside(s, (gate,)) for s in mismatch.states]))
         rows, spans, first = [], [], 0
         for term in terms:
             columns = term.columns(mismatch.states).astype(np.float32)
@@ -88,14 +94,21 @@ class Library:
         self._own = np.concatenate([np.diag(g) for g in self.grams]) if self.grams else np.zeros(0)
         self._single = np.repeat([j - i == 1 for i, j in self.spans], [j - i for i, j in self.spans])
 
+    def columns(self, term: Term) -> Float2D:
+        """(k, n), A per unit of the amplitude; what was asked for lately is remembered."""
+        values = self.everywhere(Term(term.mechanism, term.shape))
+        for gate in term.gates:
+            values = values * self.inside(gate)
+        return values
+
     def charge(self, term: Term) -> float:
         """BIC for the shapes and the limits of a region that were tried on a term's behalf."""
         return 2 * np.log(max(1, self.tries.get(term.name, 1))) + len(term.gates) * 2 * np.log(_LIMITS_TRIED)
 
     def screen(self, current: Basis) -> list[Score]:
         """One more term of the library, each at its grid point; implausible amplitudes are left out."""
-        onto = np.asarray(self.whitened @ current.Q.T.astype(np.float32), float)
-        with_residual = np.asarray(self.whitened @ current.residual.astype(np.float32), float)
+        onto = np.asarray(self.whitened @ current.Q32.T, float)
+        with_residual = np.asarray(self.whitened @ current.residual32, float)
         single = self._single
         left = self._own - np.einsum("ij,ij->i", onto, onto)
         open_ = single & (left > _COLLINEAR * np.maximum(self._own, 1e-30))
@@ -116,8 +129,9 @@ class Library:
     def score(self, term: Term, current: Basis) -> Score | None:
         """The same for one term anywhere in its shape space."""
         assert self.noise is not None
-        rows = self.noise.whiten(term.columns(self.mismatch.states))
-        return self._score(term, rows @ rows.T, rows @ current.Q.T, rows @ current.residual, current)
+        rows = self.noise.whiten(self.columns(term).astype(np.float32))
+        gram, onto, inner = rows @ rows.T, rows @ current.Q32.T, rows @ current.residual32
+        return self._score(term, gram.astype(float), onto.astype(float), inner.astype(float), current)
 
     def _score(self, term: Term, gram: Float2D, onto: Float2D, inner: Float1D, current: Basis) -> Score | None:
         own = np.diag(gram)
@@ -165,11 +179,21 @@ class Basis:
     def bic(self) -> float:
         return bic(self.rss, self.n, self.free) + self.searched
 
+    @cached_property
+    def Q32(self) -> NDArray[np.float32]:
+        """`Q` in single precision, which is enough to compare additions."""
+        return self.Q.astype(np.float32)
+
+    @cached_property
+    def residual32(self) -> NDArray[np.float32]:
+        """`residual` in single precision."""
+        return self.residual.astype(np.float32)
+
 
 def basis(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
     """The basis of the mismatch's base and `terms` under `noise`."""
     m = library.mismatch
-    columns = [t.columns(m.states) for t in terms]
+    columns = [library.columns(t) for t in terms]
     X = noise.whiten(np.concatenate([m.base, *columns])) if len(m.base) or terms else np.zeros((0, m.n))
     y = noise.whiten(m.target[None])[0]
     Q = orthonormal(X)
@@ -196,15 +220,40 @@ def orthonormal(X: Float2D) -> Float2D:
 def polarity(mismatch: Mismatch) -> float:
     """+1 where a positive current drives the axis in its positive direction, -1 where it is counted the other way.
 
-    Read from the current itself: friction brakes, so on the whole the current has the sign of the motion.
+    Read from the current itself: friction brakes and mass resists, so on the whole the current has the sign of the
+    motion and of its change. The process pushes either way: its force is fitted beside them, and samples without it
+    are taken where there are enough. A constant (weight) is told apart only by an axis that goes both ways.
     """
     current = mismatch.target + (mismatch.sim if mismatch.sim is not None and not len(mismatch.base) else 0.0)
-    direction = np.concatenate([s.held * s.moving for s in mismatch.states])
+    direction, a, force, idle = (
+        np.concatenate(rows)
+        for rows in zip(
+            *((s.held * s.moving, s.a, _or_zero(s.force, s.v), _idle(s)) for s in mismatch.states), strict=True
+        )
+    )
     rows = mismatch.usable & np.isfinite(current)
-    forward, backward = current[rows & (direction > 0)], current[rows & (direction < 0)]
-    if len(forward) < _FEW_ROWS or len(backward) < _FEW_ROWS:
+
+    def both_ways(among: Bool1D) -> bool:
+        return all(np.sum(among & (side * direction > 0)) >= _FEW_ROWS for side in (1, -1))
+
+    if both_ways(rows & idle) or (not both_ways(rows) and np.sum(rows & idle & (direction != 0)) >= _FEW_ROWS):
+        rows = rows & idle
+    if np.sum(rows & (direction != 0)) < _FEW_ROWS:
         return 1.0
-    return -1.0 if np.median(forward) < np.median(backward) - 0.2 * np.std(current[rows]) else 1.0
+    X, y = np.nan_to_num(np.array([direction[rows], a[rows], force[rows]])), current[rows]
+    if both_ways(rows):
+        X, y = X - X.mean(axis=1, keepdims=True), y - np.mean(y)
+    X = X / np.maximum(np.sqrt(np.mean(X**2, axis=1, keepdims=True)), 1e-12)
+    beta = np.linalg.lstsq(X.T, y, rcond=None)[0]
+    return -1.0 if beta[0] + beta[1] < -_CLEARLY_NEGATIVE * float(np.sqrt(np.mean(y**2))) else 1.0
+
+
+def _or_zero(values: Float1D | None, like: Float1D) -> Float1D:
+    return np.zeros(len(like)) if values is None else values
+
+
+def _idle(state: AxisState) -> Bool1D:
+    return np.ones(len(state.time), bool) if state.engaged is None else ~state.engaged
 
 
 def plausible(mechanism: Mechanism, beta: Float1D, sd: Float1D) -> bool:
@@ -295,8 +344,8 @@ def _refine_one(library: Library, current: Basis, score: Score, parameter: Param
     return best
 
 
-def swap(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
-    """Each term against every other mechanism, the rest kept."""
+def swap(library: Library, noise: Noise, terms: list[Term], without: frozenset[str] = frozenset()) -> list[Term]:
+    """Each term against every other mechanism but those `without`, the rest kept."""
     if len(terms) < 2:
         return terms
     for _ in range(2):
@@ -305,7 +354,7 @@ def swap(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
             rest = terms[:i] + terms[i + 1 :]
             current = basis(library, noise, rest)
             whole = basis(library, noise, terms).bic
-            best = best_addition(library, current, {t.name for t in rest})
+            best = best_addition(library, current, without | {t.name for t in rest})
             if best is not None and best.bic < whole - 1.0:
                 terms = [*terms[:i], best.term, *terms[i + 1 :]]
                 changed = True

@@ -19,7 +19,7 @@ from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
 from pido.core.machining import Machine
 from pido.core.recording import Recording
-from pido.diagnosis.faults import displaced, faulty
+from pido.diagnosis.faults import beyond_load, displaced, faulty
 from pido.physics.friction import held_direction
 
 _LINEAR_DEAD_BAND = 0.02  # mm/s
@@ -51,6 +51,7 @@ class AxisState:
     force, force_perp : N, process force along the axis and across it; forces : N, along every axis that has one
     m_sp : N·m; mrr : mm³/s; ar : mm²
     engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it
+    teeth_in_cut : mean number of teeth that are in the material at once
     cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
     clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
     places : machine position of each linear axis, mm
@@ -80,6 +81,7 @@ class AxisState:
     ar: Float1D | None = None
     engaged: Bool1D | None = None
     edge_length: Float1D | None = None
+    teeth_in_cut: Float1D | None = None
     coolant: Float1D | None = None
     tool_id: Array1D | None = None
     tool_mass: Float1D | None = None
@@ -147,6 +149,7 @@ def _state(
     info = recording.part
     tool = _tool(recording)
     volume, in_cut = _wear(recording, tool, mrr, engaged, worn)
+    ar, depth = _area_removal(mrr, own, motions, axis), _operation(recording, "a_p")
     piece = info.workpiece
     center = None if piece is None else piece.center_xy_mm
     top = None if piece is None else piece.top_z_mm
@@ -158,7 +161,7 @@ def _state(
         lead = machine.ball_screw_lead_mm.get(axis) if lead is None else lead
         vertical = machine.vertical_axis if vertical is None else vertical
     clock = None if info.start_time_s is None else info.start_time_s + time
-    usable = np.isfinite(own.v) & np.isfinite(own.a)
+    usable = np.isfinite(own.v) & np.isfinite(own.a) & ~beyond_load(recording)
     if own.wrong is not None:
         usable &= ~own.wrong
     return AxisState(
@@ -180,9 +183,10 @@ def _state(
         force_perp=np.sqrt(np.sum(np.square(across), axis=0)) if complete else None,
         m_sp=m_sp,
         mrr=mrr,
-        ar=_area_removal(mrr, own, motions, axis),
+        ar=ar,
         engaged=engaged,
-        edge_length=_operation(recording, "a_p"),
+        edge_length=depth,
+        teeth_in_cut=_teeth_in_cut(recording, tool, ar, depth),
         coolant=c if (c := _numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
         tool_id=tool,
         tool_mass=_tool_mass(recording, tool),
@@ -279,6 +283,28 @@ def _area_removal(mrr: Float1D | None, own: Motion, others: Mapping[str, Motion]
         return None
     speed = np.sqrt(sum(moved[a].v ** 2 for a in LINEAR_AXES))
     return np.where(speed > _LINEAR_DEAD_BAND, mrr / np.maximum(speed, _LINEAR_DEAD_BAND), 0.0)
+
+
+def _teeth_in_cut(
+    recording: Recording, tool: Array1D | None, ar: Float1D | None, depth: Float1D | None
+) -> Float1D | None:
+    """z * phi / (2 pi), engagement angle phi = arccos(1 - 2 a_e / D) (Altintas, Manufacturing Automation, ch. 2).
+
+    a_e is what the material removed in each sample says, or else the operation. Without a tool's number of teeth, one.
+    """
+    width = _operation(recording, "a_e")
+    if ar is not None and depth is not None:
+        width = np.where(depth > 0, ar / np.where(depth > 0, depth, 1.0), np.nan if width is None else width)
+    about = {k: t for k, t in recording.part.tools.items() if t.diameter_mm is not None}
+    if width is None or tool is None or not about:
+        return None
+    out = np.full(len(tool), np.nan)
+    for key in dict.fromkeys(tool):
+        known = about.get(str(key))
+        if known is not None:
+            cosine = 1.0 - 2.0 * np.clip(width[tool == key] / known.diameter_mm, 0.0, 1.0)
+            out[tool == key] = (known.teeth or 1) * np.arccos(cosine) / (2.0 * np.pi)
+    return out
 
 
 def _tool(recording: Recording) -> Array1D | None:

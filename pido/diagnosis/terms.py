@@ -169,13 +169,19 @@ def solve(X: Float2D, y: Float1D, ridge: Float1D | None = None) -> tuple[Float1D
     """
     if len(X) == 0:
         return np.zeros(0), np.zeros((0, 0))
-    size = np.sqrt(np.einsum("ij,ij->i", X, X) + (0.0 if ridge is None else ridge))
-    size = np.where(size > 0, size, 1.0)
-    gram = (X @ X.T + (0.0 if ridge is None else np.diag(ridge))) / np.outer(size, size)
-    values, vectors = np.linalg.eigh(gram)
-    keep = values > 1e-9 * max(values[-1], 1e-300)
-    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    beta = (inverse @ ((X @ y) / size)) / size
+    beta, inverse = solve_normal(X @ X.T + (0.0 if ridge is None else np.diag(ridge)), X @ y)
     residual = y - beta @ X
-    free = max(1, int(np.count_nonzero(y)) - int(keep.sum()))
-    return beta, inverse / np.outer(size, size) * (residual @ residual) / free
+    free = max(1, int(np.count_nonzero(y)) - len(X))
+    return beta, inverse * (residual @ residual) / free
+
+
+def solve_normal(gram: Float2D, inner: Float1D) -> tuple[Float1D, Float2D]:
+    """Solution of the normal equations, minimum norm of the scaled columns where they are dependent; pseudo-inverse."""
+    if len(gram) == 0:
+        return np.zeros(0), gram
+    size = np.sqrt(np.diag(gram))
+    size = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    keep = values > 1e-9 * max(values[-1], 1e-300)
+    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T / np.outer(size, size)
+    return inverse @ inner, inverse

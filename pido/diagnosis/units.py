@@ -27,7 +27,7 @@ def units(mechanism: Mechanism, shape: Mapping[str, float], axis: str) -> dict[s
         case "axis_coupling":
             return {"k": ("A/(mm/s²)", "A/(mm/s)", "A")[choice["source"] % 3]}
         case "edge_force":
-            return {"K_e": ("A", "A/mm")[choice["per_length"]]}
+            return {"K_e": ("A", "A/mm", "A/mm")[choice["length"]]}
         case "tool_wear":
             used = ("cm³", "min")[choice["by"]]
             per = (force, "", "", "N·m")[choice["of"]]

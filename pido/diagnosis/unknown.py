@@ -10,7 +10,7 @@ A flexible model has no say in naming. It only tells when a name would be dressi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -25,8 +25,9 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 
 _TREES: dict[str, Any] = dict(
-    max_iter=60, learning_rate=0.15, max_leaf_nodes=10, min_samples_leaf=30, l2_regularization=5.0
+    max_iter=30, learning_rate=0.25, max_leaf_nodes=10, min_samples_leaf=30, l2_regularization=5.0
 )
+LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
 _MOST_ROWS = 8_000
 _FEWEST_ROWS = 200
 _LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut began
@@ -47,20 +48,20 @@ class Structure:
     p_value: float
 
 
-def signals(state: AxisState) -> dict[str, tuple[Float1D, str]]:
-    """Name -> (values (n,), unit) of everything known about the state that a current could depend on."""
+def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
+    """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`."""
     spindle = state.axis == "sp"
     length, speed = ("deg", "deg/s") if spindle else ("mm", "mm/s")
     a = state.axis
-    found: dict[str, tuple[Float1D | None, str]] = {
+    found: dict[str, tuple[Float1D | Callable[[], Float1D | None] | None, str]] = {
         f"v_{a}": (state.v, speed),
         f"a_{a}": (state.a, f"{speed}²"),
         f"pos_{a}": (None if spindle else state.pos, length),
         f"held_{a}": (state.held, "–"),
         f"d_{a}": (state.since_reversal, length),
         **{f"f_{axis}": (force, "N") for axis, force in state.forces.items()},
-        "t_block": (_since_change(state.time, state.nc_line), "s"),
-        "t_cut": (_since_change(state.time, state.engaged, state.engaged), "s"),
+        "t_block": (lambda: _since_change(state.time, state.nc_line), "s"),
+        "t_cut": (lambda: _since_change(state.time, state.engaged, state.engaged), "s"),
         "M_sp": (state.m_sp, "N·m"),
         "MRR": (state.mrr, "mm³/s"),
         "AR": (state.ar, "mm²"),
@@ -71,7 +72,13 @@ def signals(state: AxisState) -> dict[str, tuple[Float1D, str]]:
         if name != a:
             found[f"v_{name}"] = (other.v, "deg/s" if name == "sp" else "mm/s")
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
-    return {k: (_finite(np.asarray(v, float)), unit) for k, (v, unit) in found.items() if v is not None}
+    out = {}
+    for name in found if names is None else names:
+        values, unit = found[name]
+        values = values() if callable(values) else values
+        if values is not None:
+            out[name] = (_finite(np.asarray(values, float)), unit)
+    return out
 
 
 def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = None) -> Float1D | None:
@@ -195,6 +202,10 @@ class Formula(Mechanism):
     shape: ClassVar[tuple[Parameter, ...]] = ()
 
     @property
+    def looked_at(self) -> int:  # type: ignore[override]
+        return LOOKED_AT if self.factors else 1
+
+    @property
     def equation(self) -> str:  # type: ignore[override]
         return " * ".join(["dI = k", *(_written(s, f) for s, f in self.factors)])
 
@@ -208,7 +219,7 @@ class Formula(Mechanism):
         return f"with {' and '.join(dict.fromkeys(s for s, _ in self.factors))}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        return np.broadcast_to(self.values(signals(state)), len(state.time))[:, None]
+        return np.broadcast_to(self.values(signals(state, [n for n, _ in self.factors])), len(state.time))[:, None]
 
     def values(self, known: Mapping[str, tuple[Float1D, str]]) -> Float1D:
         """The product itself, (n,)."""
@@ -236,6 +247,7 @@ class Peak(Mechanism):
 
     id: ClassVar[str] = "unknown"
     kind: ClassVar[Any] = "unexplained"
+    looked_at: ClassVar[int] = LOOKED_AT
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "A"),)
 
     @property
@@ -248,7 +260,7 @@ class Peak(Mechanism):
         return (Parameter("c", self.unit, scale="linear"), Parameter("w", self.unit, low=0.0, scale="log"))
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        u = signals(state)[self.signal][0]
+        u = signals(state, [self.signal])[self.signal][0]
         return np.exp(-((((np.abs(u) if self.even else u) - shape["c"]) / shape["w"]) ** 2))[:, None]
 
     def applies(self, states: Sequence[AxisState]) -> str | None:
@@ -270,6 +282,7 @@ class Surface(Mechanism):
 
     id: ClassVar[str] = "unknown"
     kind: ClassVar[Any] = "unexplained"
+    looked_at: ClassVar[int] = LOOKED_AT
     shape: ClassVar[tuple[Parameter, ...]] = ()
     held_back: ClassVar[float] = 1e-3
 
@@ -286,7 +299,7 @@ class Surface(Mechanism):
         return f"depending on {' and '.join(self.variables)}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        known = signals(state)
+        known = signals(state, self.variables)
         out = np.ones((len(state.time), 1))
         for name, knots, split in zip(self.variables, self.knots, self.split, strict=True):
             hats = _hats(known[name][0], np.asarray(knots), split)

@@ -9,7 +9,7 @@ has to win clearly; then every named term must still be needed beside it.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,8 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unknown import (
+    FORMS,
+    LOOKED_AT,
     Coarse,
     Formula,
     Peak,
@@ -46,7 +48,8 @@ _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
 _PAIRS = 10
 _FINALISTS = 12
-_CHARGE = 2 * np.log(3000)  # BIC, for the formulas and peaks that were tried
+_CLASSES = 1_000  # of a quantity, in which peaks are compared
+_CHARGE = 2 * np.log(LOOKED_AT)  # BIC
 _SIMPLEX = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
 
 
@@ -131,16 +134,44 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
 
 def _ranked(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
     """Formulas and peaks by what each alone would take away from the coarse residual, best first."""
-    root = np.sqrt(few.weights)
-    target = few.values * root
-    gains: list[tuple[float, Term]] = []
-    for formula in formulas(known):
-        gains.append((_gain(formula.values(known) * root, target), Term(formula)))
-    for peak, shape in peaks(known):
-        u = known[peak.signal][0]
-        row = np.exp(-((((np.abs(u) if peak.even else u) - shape["c"]) / shape["w"]) ** 2))
-        gains.append((_gain(row * root, target), Term(peak, tuple(shape.items()))))
+    gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
+    gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
     return [t for _, t in sorted(gains, key=lambda g: -g[0])]
+
+
+def _gains_of_peaks(
+    known: Mapping[str, tuple[Float1D, str]], few: Coarse
+) -> Iterator[tuple[Peak, dict[str, float], float]]:
+    """Peaks, each with what it would take away by itself; rows are sorted into narrow classes of the quantity first."""
+    offered = peaks(known)
+    for peak in dict.fromkeys(p for p, _ in offered):
+        u = np.abs(known[peak.signal][0]) if peak.even else known[peak.signal][0]
+        edges = np.linspace(u.min(), u.max(), _CLASSES + 1)
+        at = np.clip(np.searchsorted(edges, u, side="right") - 1, 0, _CLASSES - 1)
+        inner = np.bincount(at, few.weights * few.values, _CLASSES)
+        size = np.bincount(at, few.weights, _CLASSES)
+        middle = (edges[1:] + edges[:-1]) / 2
+        for other, shape in offered:
+            if other == peak:
+                row = np.exp(-(((middle - shape["c"]) / shape["w"]) ** 2))
+                own = float(row**2 @ size)
+                yield peak, shape, float(row @ inner) ** 2 / own if own > 0 else 0.0
+
+
+def _gains_of_formulas(
+    offered: Sequence[Formula], known: Mapping[str, tuple[Float1D, str]], few: Coarse
+) -> list[tuple[Formula, float]]:
+    """Formulas of one or two factors, each with what it would take away by itself; all products at once."""
+    factors = [None, *dict.fromkeys(f for formula in offered for f in formula.factors)]
+    at = {f: i for i, f in enumerate(factors)}
+    rows = np.array([np.ones(len(few.rows)) if f is None else FORMS[f[1]](known[f[0]][0]) for f in factors])
+    # Each at its own scale: squares of products overflow otherwise.
+    rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
+    inner = (rows * (few.weights * few.values)) @ rows.T
+    size = (rows**2 * few.weights) @ (rows**2).T
+    gain = np.where(size > 0, inner**2 / np.maximum(size, 1e-300), 0.0)
+    ends = [(at[f.factors[0]], at[f.factors[1]] if len(f.factors) > 1 else 0) for f in offered]
+    return [(formula, float(gain[i, j])) for formula, (i, j) in zip(offered, ends, strict=True)]
 
 
 def tune(library: Library, current: Basis, score: Score) -> Score:
@@ -183,11 +214,6 @@ def _quantities(term: Term) -> frozenset[str]:
             return frozenset({signal})
         case _:
             return frozenset()
-
-
-def _gain(row: Float1D, target: Float1D) -> float:
-    size = float(row @ row)
-    return float(row @ target) ** 2 / size if size > 0 else 0.0
 
 
 def _explained(mismatch: Mismatch, terms: Sequence[Term], amplitudes) -> float:

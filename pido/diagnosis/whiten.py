@@ -24,6 +24,7 @@ _AROUND = 5  # rows around such a row that share its weight
 _BLOCK = 128  # rows in which power is compared to set events aside
 _NEIGHBOURS = 60  # frequencies on either side whose median is the noise at a frequency
 _LOUD = 2.5  # times the usual power of a block: an event or an effect, not noise
+_SHORTEST_AVERAGE = 3  # rows; the noise of a shorter memory is as good as white
 _FEWEST = 60  # rows that a class of state needs for a noise level of its own
 
 
@@ -56,6 +57,45 @@ class Noise:
     def memory(self) -> float:
         """Integrated autocorrelation time, samples (>= 1)."""
         return autocorrelation_time(self.ar)
+
+
+@dataclass(frozen=True, slots=True)
+class Averaged(Noise):
+    """Noise judged by averages over its own memory: what is slow counts, and nothing that is quicker.
+
+    Each average stands in the first of its rows; `valid` are these rows.
+
+    first : (m,) – first row of each average; counted : (n,) – rows that enter it
+    """
+
+    first: Int1D
+    counted: Bool1D
+
+    def whiten(self, rows: Float2D) -> Float2D:
+        """(k, n) -> (k, n): averages with independent errors of unit variance, zero in all rows but the first."""
+        kind = np.float32 if rows.dtype == np.float32 else float
+        scaled = rows * (self.counted / self.level).astype(kind)
+        count = np.add.reduceat(self.counted.astype(float), self.first)
+        out = np.zeros_like(scaled)
+        share = 1.0 / (np.sqrt(np.maximum(count, 1.0)) * self.innovation)
+        out[..., self.first] = np.add.reduceat(scaled, self.first, axis=-1) * share.astype(kind)
+        return out
+
+
+def averaged(noise: Noise, residual: Float1D, part: Int1D, usable: Bool1D) -> Averaged | None:
+    """`noise` judged by averages over its memory, their scale read from a residual; None where that is a row or two.
+
+    part : (n,) – index of the part; no average reaches over the end of one
+    """
+    width = round(noise.memory)
+    if width < _SHORTEST_AVERAGE:
+        return None
+    starts = np.r_[True, part[1:] != part[:-1]]
+    first = np.flatnonzero(_since_start(starts) % width == 0)
+    valid = np.zeros(len(part), bool)
+    valid[first] = np.add.reduceat(usable, first) > 0
+    plain = Averaged(np.zeros(0), noise.level, 1.0, valid, first, usable)
+    return replace(plain, innovation=robust_sd(plain.whiten(residual[None])[0][valid]))
 
 
 def autocorrelation_time(ar: Float1D, longest: int = 20_000) -> float:

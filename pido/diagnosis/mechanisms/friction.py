@@ -23,6 +23,11 @@ def direction(state: AxisState) -> Float1D:
     return state.held * state.moving
 
 
+def resisting(state: AxisState, still: float) -> Float1D:
+    """(n,) – sign of the motion; at standstill 0, or with `still` 1 that of the last motion: dry friction holds on."""
+    return state.held if round(still) == 1 else direction(state)
+
+
 def moves(states: Sequence[AxisState]) -> str | None:
     """Why friction cannot be seen: the axis never moves."""
     return None if any(np.any(s.moving) for s in states) else "the axis never moves in these parts"
@@ -133,21 +138,22 @@ class LoadDependentFriction(Mechanism):
     """Coulomb friction that grows with the process load across the guideway.
 
     `across`: 0 the whole load, 1 and 2 only that along the first and second other axis, where the guideway carries it.
+    `still`: 1 where it holds on at standstill.
     """
 
     id = "load_dependent_friction"
     equation = "dI = mu * |F_perp| * sgn(v)"
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
-    shape = (choice("across", 3),)
+    shape = (choice("across", 3), choice("still", 2))
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
 
-    def regressors(self, state, *, across=0.0):
+    def regressors(self, state, *, across=0.0, still=0.0):
         if state.force_perp is None:
             return nothing(state)
         others = [np.abs(f) for a, f in state.forces.items() if a != state.axis]
         load = (state.force_perp, *others)[round(across)]
-        return column(load * direction(state))
+        return column(load * resisting(state, still))
 
     def needs(self, states):
         if any(s.force_perp is None for s in states):
@@ -156,31 +162,36 @@ class LoadDependentFriction(Mechanism):
 
 
 class PositionDependentFriction(Mechanism):
-    """Friction that varies along the travel; `form`: 0 a wave of any phase, 1 a slope and a bend, 2 one tight place."""
+    """Friction that varies along the travel, with its mean.
+
+    form : 0 a wave of any phase, 1 a slope and a bend, 2 one tight place; still : 1 where it holds on at standstill
+    """
 
     id = "position_dependent_friction"
     equation = (
-        "dI = g(pos) * sgn(v); g = G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
-        "or G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L"
+        "dI = g(pos) * sgn(v); g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
+        "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L"
     )
-    amplitudes = (Parameter("G_1", "A"), Parameter("G_2", "A"))
+    amplitudes = (Parameter("G_0", "A"), Parameter("G_1", "A"), Parameter("G_2", "A"))
     shape = (
         choice("form", 3),
+        choice("still", 2),
         Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
         Parameter("p_0", "mm", values=(0.0,)),
     )
     axes = LINEAR_AXES
     looked_at = 100
 
-    def regressors(self, state, *, form, L, p_0):
+    def regressors(self, state, *, form, still, L, p_0):
         if state.pos is None:
-            return nothing(state, 2)
-        h, u = direction(state), (state.pos - p_0) / L
+            return nothing(state, 3)
+        h, u = resisting(state, still), (state.pos - p_0) / L
+        one, zero = np.ones(len(h)), np.zeros(len(h))
         if round(form) == 0:
-            return wave(state.pos, L) * h[:, None]
+            return np.column_stack([one, wave(state.pos, L)]) * h[:, None]
         if round(form) == 1:
-            return np.column_stack([u * h, u**2 * h])
-        return np.column_stack([np.exp(-(u**2) / 2) * h, np.zeros(len(h))])
+            return np.column_stack([one, u, u**2]) * h[:, None]
+        return np.column_stack([zero, np.exp(-(u**2) / 2), zero]) * h[:, None]
 
     def needs(self, states):
         return "no position of the axis" if any(s.pos is None for s in states) else moves(states)
@@ -192,7 +203,11 @@ class PositionDependentFriction(Mechanism):
         waves = [(0.0, span / (0.5 + 0.5 * k), 0.0) for k in range(18)]
         bend = [(1.0, span / 2, (low + high) / 2)]
         places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
-        return tuple({"form": f, "L": L, "p_0": p} for f, L, p in (*waves, *bend, *places))
+        return tuple(
+            {"form": f, "still": still, "L": L, "p_0": p}
+            for f, L, p in (*waves, *bend, *places)
+            for still in (0.0, 1.0)
+        )
 
     def suggest(self, states, left):
         """The stretch of the travel whose friction stands out most from the rest of it."""
@@ -206,7 +221,11 @@ class PositionDependentFriction(Mechanism):
         if good.sum() < 50 or high - low < 1e-3:
             return ()
         stretch = best_stretch(pos[good], (value * h)[good], low, high)
-        return () if stretch is None else ({"form": 2.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2},)
+        return (
+            ()
+            if stretch is None
+            else ({"form": 2.0, "still": 0.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2},)
+        )
 
     def around(self, name, shape, states):
         low, high = _ends(states)

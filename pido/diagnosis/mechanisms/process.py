@@ -51,33 +51,51 @@ class CuttingForce(Mechanism):
 
 
 class EdgeForce(Mechanism):
-    """Ploughing by every engaged millimetre of edge; `along`: 0 constant, 1 sign of the motion, 2 share of the feed."""
+    """Ploughing by every engaged millimetre of edge.
+
+    along : 0 constant, 1 sign of the motion, 2 share of the feed, 3 direction of the process force
+    length : 0 as often as the tool is engaged, 1 axial depth of cut, 2 that times the mean number of teeth in cut
+    """
 
     id = "edge_force"
-    equation = "dI = K_e * a_p (or K_e where a_p is not known) while engaged, along the feed"
+    equation = "dI = K_e * b while engaged, along the feed or the process force; b = 1, a_p, or a_p * teeth in cut"
     amplitudes = (Parameter("K_e", "A/mm or A"),)
-    shape = (choice("along", 3), choice("per_length", 2))
+    shape = (choice("along", 4), choice("length", 3))
     summary = "{axis} axis, whenever the tool is engaged, however thin the chip"
 
-    def regressors(self, state, *, along, per_length):
-        if state.engaged is None:
+    def regressors(self, state, *, along, length):
+        edge, side = _edge(state, round(length)), _side(state, round(along))
+        if state.engaged is None or edge is None or side is None:
             return nothing(state)
-        edge = np.ones(len(state.time))
-        if round(per_length) == 1:
-            if state.edge_length is None:
-                return nothing(state)
-            edge = np.nan_to_num(state.edge_length)
-        if round(along) == 0:
-            side = np.ones(len(edge))
-        elif round(along) == 1 or state.axis == "sp":
-            side = direction(state)
-        else:
-            speed = np.sqrt(state.v**2 + sum(o.v**2 for n, o in state.others.items() if n in LINEAR_AXES))
-            side = np.where(speed > 0, state.v * state.moving / np.maximum(speed, 1e-9), 0.0)
         return column(edge * state.engaged * side)
 
     def needs(self, states):
         return engages(states)
+
+
+def _edge(state: AxisState, length: int) -> Float1D | None:
+    """(n,), mm or 1 – edge in the material."""
+    if length == 0:
+        return np.ones(len(state.time))
+    if state.edge_length is None or (length == 2 and state.teeth_in_cut is None):
+        return None
+    edge = np.nan_to_num(state.edge_length)
+    return edge if length == 1 or state.teeth_in_cut is None else edge * np.nan_to_num(state.teeth_in_cut)
+
+
+def _side(state: AxisState, along: int) -> Float1D | None:
+    """(n,) in -1..1 – share of a force of the cut that acts along this axis."""
+    if along == 0:
+        return np.ones(len(state.time))
+    if along == 1 or state.axis == "sp":
+        return direction(state)
+    if along == 2:
+        speed = np.sqrt(state.v**2 + sum(o.v**2 for n, o in state.others.items() if n in LINEAR_AXES))
+        return np.where(speed > 0, state.v * state.moving / np.maximum(speed, 1e-9), 0.0)
+    if state.force is None:
+        return None
+    size = np.sqrt(np.sum([f**2 for f in state.forces.values()], axis=0))
+    return np.where(size > 0, state.force / np.maximum(size, 1e-300), 0.0)
 
 
 class ToolWear(Mechanism):
