@@ -40,7 +40,8 @@ VICTIMS = {
     "run of a part": "prefect.engine",
 }
 """How the process of each is told from the others by its command line."""
-PATIENCE_S = 420.0
+PATIENCE_S = 1500.0
+"""Of a busy machine; a plant that is well takes a small part of it, s."""
 ZOMBIE_S = 120.0
 
 

@@ -35,4 +35,6 @@ def attach(workspace: Workspace, machine: str, folder: Path) -> tuple[str, str]:
     server = workspace.tracking_uri
     if not server.startswith("http"):
         return "", ""
-    return f"{server.rstrip('/')}/#/experiments/{place}/runs/{run}/artifacts/diagnosis/report.html", ""
+    page = f"experiments/{place}/runs/{run}/artifacts/diagnosis/report.html"
+    # Without the question MLflow goes on to its pages for language models, where a run's artifacts are not found again.
+    return f"{server.rstrip('/')}/#/{page}?workflowType=machine_learning", ""

@@ -27,6 +27,10 @@ os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
 
 
+KIND, TRAINING = "mlflow.experimentKind", "custom_model_development"
+"""MLflow opens such an experiment with its runs; any other with an overview for language models, empty here."""
+
+
 def not_installed() -> str:
     """'' or what to do where the library is installed without MLflow: everything else works, and is logged later."""
     return "" if find_spec("mlflow") else "MLflow is not installed: pip install 'pido[servers]'"
@@ -70,10 +74,12 @@ def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:
     name = f"pido {machine}"
     found = store.get_experiment_by_name(name)
     if found is not None:
+        if KIND not in found.tags:
+            store.set_experiment_tag(found.experiment_id, KIND, TRAINING)
         return found.experiment_id
     embedded = workspace.tracking_uri.startswith("sqlite:")
     place = (workspace.root / "mlartifacts" / file_name(machine)).as_uri() if embedded else None
-    return store.create_experiment(name, artifact_location=place)
+    return store.create_experiment(name, artifact_location=place, tags={KIND: TRAINING})
 
 
 def model_names(machine: str) -> dict[str, str]:
