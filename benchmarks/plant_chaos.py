@@ -91,7 +91,7 @@ class Plant:
 
     def left(self) -> list[str]:
         """Command lines of processes that belong to this folder."""
-        return [command for process, command in processes() if str(self.folder) in command and process != os.getpid()]
+        return [command for _, command in processes(str(self.folder))]
 
     def well(self) -> bool:
         """Whether all services answer or show signs of life."""
@@ -192,22 +192,25 @@ def zombies(plant: Plant) -> Outcome:
         runs = client.read_flow_runs(flow_run_filter=wanted)
         total = client.count_flow_runs()
     dead = [run.name for run in runs if not plant.workspace.locked(f"run {run.id}")]
-    strays = [c for p, c in processes() if str(plant.folder) in c and not _is_below(p, plant._process.pid)]
-    strays = [c for c in strays if not c.startswith("postgres:") and str(os.getpid()) not in c]
+    strays = [c for p, c in processes(str(plant.folder)) if not _is_below(p, plant._process.pid)]
     for one in [*dead, *strays]:
         print(f"left over: {one}", file=sys.stderr)
     return Outcome(f"zombies among {total} runs", 0, 0, len(dead), len(strays), not dead and not strays)
 
 
-def processes() -> list[tuple[int, str]]:
-    """(process id, command line) of all that can be seen."""
+def processes(about: str = "") -> list[tuple[int, str]]:
+    """(process id, command line) of all others that can be seen and have `about` in command line or environment."""
     found = []
     for place in Path("/proc").glob("[0-9]*"):
+        if int(place.name) == os.getpid():
+            continue
         try:
             command = (place / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
+            own = command if about in command else (place / "environ").read_bytes().decode(errors="replace")
         except OSError:
-            continue  # ended meanwhile
-        found.append((int(place.name), command))
+            continue  # ended meanwhile, or somebody else's
+        if about in own:
+            found.append((int(place.name), command))
     return found
 
 

@@ -9,6 +9,7 @@ holds its lock is dead (worker and run were killed together): it is set to Crash
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -30,10 +31,13 @@ log = logging.getLogger(__name__)
 DEPLOYMENT = "new-part/arrivals"
 DIAGNOSIS = "diagnose/newest"
 WAITING = [StateType.SCHEDULED, StateType.PENDING]
+BUSY = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 LIVE = [*WAITING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
 SILENT = timedelta(seconds=30)
 STARTING = timedelta(seconds=75)
 """A run that is about to start has no process of its own yet; for longer than this it takes none."""
+SURE_S = 5.0
+"""Between a run's last work and its word that it has ended, its process holds no lock for a moment, s."""
 AWAY = (HTTPError, PrefectException, OSError, RuntimeError)
 """What is raised where Prefect's server is away, or goes away while it is asked."""
 
@@ -85,19 +89,25 @@ def alive(workspace: Workspace) -> Iterator[None]:
 
 def sweep(workspace: Workspace) -> int:
     """Set runs to Crashed that say they have a process and have none: nobody holds the lock that a run takes at its
-    start. Returns how many. A run that has just started, or is about to, is left alone for a while.
+    start. Returns how many. A run that has just started, is about to, or is just telling its end is left alone.
     """
-    dead = 0
     with get_client(sync_client=True) as client:
-        for run in _runs(None, [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING], client):
-            assert run.state is not None
-            patience = STARTING if run.state.type == StateType.PENDING else SILENT
-            since = datetime.now(UTC) - run.state.timestamp
-            if since > patience and not workspace.locked(f"run {run.id}"):
-                client.set_flow_run_state(run.id, Crashed(message="its process is gone"), force=True)
-                log.warning("run %s had no process any more: set to Crashed", run.name)
-                dead += 1
-    return dead
+        silent = [run for run in _runs(None, BUSY, client) if _without_process(run, workspace)]
+        if not silent:
+            return 0
+        time.sleep(SURE_S)
+        dead = [run for run in _runs(None, BUSY, client) if run.id in {s.id for s in silent}]
+        dead = [run for run in dead if _without_process(run, workspace)]
+        for run in dead:
+            client.set_flow_run_state(run.id, Crashed(message="its process is gone"), force=True)
+            log.warning("run %s had no process any more: set to Crashed", run.name)
+    return len(dead)
+
+
+def _without_process(run: FlowRun, workspace: Workspace) -> bool:
+    assert run.state is not None
+    patience = STARTING if run.state.type == StateType.PENDING else SILENT
+    return datetime.now(UTC) - run.state.timestamp > patience and not workspace.locked(f"run {run.id}")
 
 
 def _runs(tag: str | None, states: Sequence[StateType] = LIVE, client=None) -> list[FlowRun]:

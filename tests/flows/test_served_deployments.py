@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,29 @@ def test_an_iteration_does_not_need_anyone_who_diagnoses(workspace, tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
     assert "no diagnosis: no worker serves" in done.stderr
     assert len(Ledger(workspace.ledger).iterations(MACHINE)) == 1
+
+
+def test_a_run_without_a_process_is_told_from_one_that_has_one(workspace, tmp_path, monkeypatch):
+    with prefect_server(tmp_path / "prefect"):
+        from prefect.client.orchestration import get_client
+        from prefect.states import Pending, Running
+
+        from flows import submit
+        from flows.new_part import nightly
+
+        monkeypatch.setattr(submit, "SILENT", timedelta(0))
+        monkeypatch.setattr(submit, "SURE_S", 0.1)
+        with get_client(sync_client=True) as client:
+
+            def run_in(state):
+                run = client.create_flow_run(nightly, parameters={"workspace": str(workspace.root)})
+                client.set_flow_run_state(run.id, state, force=True)
+                return run.id
+
+            dead, alive, starting = run_in(Running()), run_in(Running()), run_in(Pending())
+            with workspace.lock(f"run {alive}"):
+                assert submit.sweep(workspace) == 1
+            states = [client.read_flow_run(run).state.name for run in (dead, alive, starting)]
+            assert states == ["Crashed", "Running", "Pending"]
+            monkeypatch.setattr(submit, "STARTING", timedelta(0))
+            assert submit.sweep(workspace) == 2
