@@ -22,6 +22,8 @@ from pido.diagnosis.terms import Term, held_back, solve, solve_normal
 from pido.diagnosis.whiten import Noise
 
 _DRAWS = 400
+_MERGED = (1, 4, 16)  # blocks that count as one observation
+_FEWEST_UNITS = 6  # observations to resample
 _FEWEST_PARTS_TO_RESAMPLE = 6
 
 
@@ -142,23 +144,40 @@ def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> f
     return float(stats.ttest_1samp(sums, 0.0, alternative="greater").pvalue)
 
 
-def bootstrap(model: Whitened, mismatch: Mismatch, rng: np.random.Generator, draws: int = _DRAWS) -> Float2D:
-    """(draws, base + amplitudes): the joint fit on resampled observations, parts where there are enough,
-    else blocks.
-    """
-    by_part = len(mismatch.states) >= _FEWEST_PARTS_TO_RESAMPLE
-    unit = mismatch.part if by_part else mismatch.block
-    units = np.unique(unit)
-    grams = np.array([model.X[:, unit == u] @ model.X[:, unit == u].T for u in units])
-    inner = np.array([model.X[:, unit == u] @ model.y[unit == u] for u in units])
+def bootstrap(model: Whitened, unit: Int1D, rng: np.random.Generator, draws: int = _DRAWS) -> Float2D:
+    """(draws, base + amplitudes): the joint fit on resampled observations; unit : (n,) – which one a row belongs to."""
+    order = np.argsort(unit, kind="stable")
+    first = np.flatnonzero(np.r_[True, np.diff(unit[order]) > 0])
+    rows = np.split(order, first[1:])
+    grams = np.array([model.X[:, r] @ model.X[:, r].T for r in rows])
+    inner = np.array([model.X[:, r] @ model.y[r] for r in rows])
     size = np.sqrt(np.maximum(np.diag(grams.sum(0)), 1e-300))
     grams, inner = grams / np.outer(size, size), inner / size
     out = np.empty((draws, len(size)))
     for d in range(draws):
         # Random weights of mean 1 (Bayesian bootstrap): no draw loses the only block that shows a term.
-        w = rng.exponential(size=len(units))
+        w = rng.exponential(size=len(rows))
         out[d] = np.linalg.pinv(np.einsum("u,uij->ij", w, grams), rcond=1e-9, hermitian=True) @ (w @ inner) / size
     return out
+
+
+def half_widths(model: Whitened, mismatch: Mismatch, rng: np.random.Generator, draws: int = _DRAWS) -> Float1D:
+    """Half of the 95 % interval of every coefficient: the widest over observations of several lengths.
+
+    What a simulation lacks may wander over longer than a block: blocks put together show it (Künsch 1989 on the length
+    of a block), as long as enough of them are left to resample.
+    """
+    beta, covariance = solve(model.X, model.y)
+    lengths = [mismatch.block // merged for merged in _MERGED]
+    if len(mismatch.states) >= _FEWEST_PARTS_TO_RESAMPLE:
+        lengths.append(mismatch.part)
+    widest = np.zeros(len(beta))
+    for unit in lengths:
+        count = len(np.unique(unit))
+        if count >= _FEWEST_UNITS or unit is lengths[0]:
+            bounds = interval(beta, covariance, bootstrap(model, unit, rng, draws), count)
+            widest = np.maximum(widest, [0.5 * (high - low) for low, high in bounds])
+    return widest
 
 
 def interval(beta: Float1D, covariance: Float2D, draws: Float2D, units: int) -> list[tuple[float, float]]:
@@ -172,11 +191,6 @@ def interval(beta: Float1D, covariance: Float2D, draws: Float2D, units: int) -> 
     t = float(stats.t.ppf(0.975, max(2, units - 1))) if units < 30 else 1.96
     t = np.where(resampled > classical, t, 1.96)
     return [(float(b - s * u), float(b + s * u)) for b, s, u in zip(beta, sd, t, strict=True)]
-
-
-def units(mismatch: Mismatch) -> int:
-    """How many independent observations the intervals rest on."""
-    return len(mismatch.states) if len(mismatch.states) >= _FEWEST_PARTS_TO_RESAMPLE else int(mismatch.block.max()) + 1
 
 
 def enough_parts(mismatch: Mismatch) -> bool:

@@ -9,7 +9,7 @@ disappears in it could not be found miscalibrated either.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -56,10 +56,18 @@ NOT_A_COMPONENT = frozenset(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Component:
+    """A mechanism that a simulation contains, with its shape there, and its rms in the simulated current, A."""
+
+    term: Term
+    size: float
+
+
 def contained(
     mismatch: Mismatch, mechanisms: Sequence[Mechanism], noise: Noise, rng: np.random.Generator
-) -> dict[str, Term]:
-    """Terms that the simulated current is made of, by mechanism id; empty where no simulated current is given."""
+) -> dict[str, Component]:
+    """What the simulated current is made of, by mechanism id; empty where no simulated current is given."""
     if mismatch.sim is None or not np.any(mismatch.usable):
         return {}
     own = [m for m in mechanisms if m.id not in NOT_A_COMPONENT and m.applies(mismatch.states) is None]
@@ -85,26 +93,27 @@ def contained(
         _LEAST_SHARE * float(np.sqrt(np.mean(sim[thin.usable] ** 2))), _LEAST_LEVEL * float(np.median(noise.level))
     )
     every = _greedy(library, faint, usual)
-    out = {
-        t.mechanism.id: t
-        for t in every
-        if lasting(mismatch, t) > _LASTING and _is_there(library, faint, usual if t in usual else every, t, least)
-    }
-    level_of_all = float(fit(problem, faint, every).base[0])
+    out = {}
+    for term in every:
+        size = _size(library, faint, usual if term in usual else every, term)
+        if size > least and lasting(mismatch, term) > _LASTING:
+            out[term.mechanism.id] = Component(term, size)
+    level_of_all = abs(float(fit(problem, faint, every).base[0]))
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.
-    if weight is not None and abs(level_of_all) > least:
-        out.setdefault(weight.mechanism.id, weight)
+    if weight is not None and level_of_all > least:
+        out.setdefault(weight.mechanism.id, Component(weight, level_of_all))
     return out
 
 
-def _is_there(library: Library, noise: Noise, terms: Sequence[Term], term: Term, least: float) -> bool:
-    """Whether a term is larger than `least` (A, rms) beside the others, and explains what they do not."""
+def _size(library: Library, noise: Noise, terms: Sequence[Term], term: Term) -> float:
+    """A, rms of a term beside the others; 0 where it explains hardly anything that they do not."""
     joint = fit(library.mismatch, noise, terms)
-    effect = joint.amplitudes[list(terms).index(term)] @ library.columns(term)
     without = basis(library, noise, [t for t in terms if t is not term]).rss
-    large = float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2))) > least
-    return large and without > (1 + _LEAST_OWN) * joint.rss
+    if without <= (1 + _LEAST_OWN) * joint.rss:
+        return 0.0
+    effect = joint.amplitudes[list(terms).index(term)] @ library.columns(term)
+    return float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2)))
 
 
 def _greedy(library: Library, noise: Noise, terms: list[Term], without: frozenset[str] = frozenset()) -> list[Term]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,7 +26,7 @@ from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.comparable import comparable_axes, in_order
 from pido.diagnosis.confirm import held_out
-from pido.diagnosis.contained import contained
+from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Finding, HeldOut, PartSeries, Rejected
@@ -51,7 +51,7 @@ from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json
 from pido.diagnosis.pair import in_its_unit, paired
-from pido.diagnosis.select import Library, basis
+from pido.diagnosis.select import Library, basis, plausible
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
@@ -62,6 +62,7 @@ from pido.diagnosis.whiten import Averaged, Noise, estimate_noise, robust_sd
 log = logging.getLogger(__name__)
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
 Result = TypeVar("Result")
+_BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
@@ -207,7 +208,7 @@ class _Look:
 
     mismatch: Mismatch
     noise: Noise
-    inside: dict[str, Term]
+    inside: dict[str, Component]
     offered: list[Term]
     rejected: list[Rejected]
     best_gain: float
@@ -260,7 +261,7 @@ def _first_look(mismatch: Mismatch, rng: np.random.Generator) -> _Look:
     plain, rejected = candidates(CATALOGUE, mismatch, {})
     noise = first_noise(mismatch, plain)
     inside = contained(mismatch, CATALOGUE, noise, rng)
-    offered, _ = candidates(CATALOGUE, mismatch, inside)
+    offered, _ = candidates(CATALOGUE, mismatch, {i: c.term for i, c in inside.items()})
     library = Library(mismatch, _not_timing(offered), _any_sign(inside))
     library.whiten(noise)
     scores = library.screen(basis(library, noise, []))
@@ -268,7 +269,7 @@ def _first_look(mismatch: Mismatch, rng: np.random.Generator) -> _Look:
     return _Look(mismatch, noise, inside, offered, rejected, gain)
 
 
-def _any_sign(inside: dict[str, Term]) -> frozenset[str]:
+def _any_sign(inside: Mapping[str, Component]) -> frozenset[str]:
     return frozenset(f"miscalibrated:{i}" for i in inside)
 
 
@@ -326,12 +327,12 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
     terms = plainest(library, noise, terms)
     offered, terms = terms, confirm(library, noise, terms, answer, questions)
     if len(terms) < len(offered):
-        # What fell may have stood for something that no name of the catalogue says.
+        # What fell may have hidden what is simple, or stood for something that no name of the catalogue says.
+        simple = plainest(library, noise, by_error(library, terms, questions))
+        library.whiten(noise)
+        terms = _if_it_holds(library, noise, simple, terms, answer, questions)
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
-        trial = Answer(mismatch.axis)
-        if wider != terms and len(confirm(library, noise, wider, trial, questions)) == len(wider):
-            terms = wider
-            answer.p_values, answer.q_values = trial.p_values, trial.q_values
+        terms = _if_it_holds(library, noise, wider, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
     for better in (likelier, plainest):
         other = better(library, noise, terms)
@@ -341,6 +342,7 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
             taken = {t.name for t in kept}
             terms, answer.rejected = kept, [r for r in answer.rejected if r.mechanism not in taken]
             answer.p_values, answer.q_values = trial.p_values, trial.q_values
+    terms = _missing(library, noise, terms, look.inside)
     if terms and not timed:
         library = Library(mismatch, rivals, _any_sign(look.inside))
     library.whiten(noise)
@@ -350,6 +352,37 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
     answer.delta_bic = [basis(library, noise, _without(terms, i)).bic - whole for i in range(len(terms))]
     answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]
     return answer
+
+
+def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
+    """`terms`, with the plain name for what is far larger than the simulation's own share of it: no wrong number."""
+    joint = fit(library.mismatch, noise, terms)
+    out = []
+    for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
+        part = inside.get(term.mechanism.id)
+        if part is not None and term.name != term.mechanism.id:
+            effect = (amplitudes @ term.columns(library.mismatch.states))[library.mismatch.usable]
+            new = float(np.sqrt(np.mean(effect**2))) > _BEYOND_WRONG * part.size
+            if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
+                term = replace(term, name=term.mechanism.id)
+        out.append(term)
+    return out
+
+
+def _if_it_holds(
+    library: Library, noise: Noise, other: list[Term], terms: list[Term], answer: Answer, questions: int
+) -> list[Term]:
+    """`other` where every term of it stands up to the strict tests, else `terms`."""
+    if other == terms:
+        return terms
+    trial = Answer(library.mismatch.axis)
+    kept = confirm(library, noise, other, trial, questions)
+    if not kept or len(kept) < len(terms) or (len(kept) < len(other) and kept == terms):
+        return terms
+    answer.p_values, answer.q_values = trial.p_values, trial.q_values
+    taken = {t.name for t in kept}
+    answer.rejected = [r for r in answer.rejected if r.mechanism not in taken]
+    return kept
 
 
 def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
-from pido.diagnosis.confirm import Whitened, bootstrap, interval, units
+from pido.diagnosis.confirm import Whitened, half_widths
 from pido.diagnosis.finding import Estimate
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
@@ -65,10 +65,8 @@ def estimate(
     slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
     design = np.concatenate([mismatch.base, *columns, *[s for group in slopes for s in group.values()]])
     model = Whitened(noise.whiten(design), noise.whiten(mismatch.target[None])[0], ())
-    beta, covariance = solve(model.X, model.y)
-    draws = bootstrap(model, mismatch, rng)
-    bounds = interval(beta, covariance, draws, units(mismatch))
-    half = [0.5 * (high - low) for low, high in bounds]
+    beta, _ = solve(model.X, model.y)
+    half = list(half_widths(model, mismatch, rng))
     if other is not None:
         again, _ = solve(other.whiten(design), other.whiten(mismatch.target[None])[0])
         half = [max(h, abs(float(b - a))) for h, b, a in zip(half, beta, again, strict=True)]

@@ -238,7 +238,8 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     own, or nearly all of it is held at standstill, they are two findings. Where the simulation has no Coulomb friction
     at all, a whole presliding friction is that friction and what sgn(v) lacks of it after a reversal.
     """
-    out = _without_whole_presliding(library, noise, list(terms))
+    out = _without_limits(library.mismatch, _without_places(library, list(terms)))
+    out = _without_whole_presliding(library, noise, out)
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
     if standing is not None and standing.name not in {t.name for t in out}:
         for i, term in enumerate(out):
@@ -271,6 +272,35 @@ def _at_standstill(mismatch: Mismatch, term: Term) -> float:
     power = np.sum(term.columns(mismatch.states) ** 2, axis=0) * mismatch.usable
     still = np.concatenate([~s.moving for s in mismatch.states])
     return float(np.sum(power[still]) / max(np.sum(power), 1e-300))
+
+
+def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:
+    """`terms` without the limits of regions that hardly add to what the same mechanism removes everywhere."""
+    for i, term in enumerate(terms):
+        if not term.gates or term.name == "unknown":
+            continue
+        free = [*terms[:i], replace(term, gates=()), *terms[i + 1 :]]
+        none, everywhere, inside = (_plain_power(mismatch, t) for t in (terms[:i] + terms[i + 1 :], free, terms))
+        if none - everywhere > (1 - CONFINED) * (none - inside) > 0:
+            terms = free
+    return terms
+
+
+def _plain_power(mismatch: Mismatch, terms: Sequence[Term]) -> float:
+    """A², mean square on folds that were not fitted, under ordinary least squares."""
+    return rms_held_out(mismatch, even(mismatch), terms) ** 2
+
+
+def _without_places(library: Library, terms: list[Term]) -> list[Term]:
+    """`terms` with Coulomb's friction for one along the travel, where nearly all that this removes is its mean."""
+    coulomb = next((t for t in library.terms if t.mechanism.id == "coulomb_friction"), None)
+    at = next((i for i, t in enumerate(terms) if t.mechanism.id == "position_dependent_friction"), None)
+    if coulomb is None or at is None or coulomb.name in {t.name for t in terms}:
+        return terms
+    rest = [t for k, t in enumerate(terms) if k != at]
+    trial = [*terms[:at], replace(coulomb, gates=terms[at].gates), *terms[at + 1 :]]
+    none, flat, whole = (_plain_power(library.mismatch, t) for t in (rest, trial, terms))
+    return trial if none - flat > (1 - MISFIT) * (none - whole) > 0 else terms
 
 
 def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
