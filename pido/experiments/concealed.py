@@ -6,6 +6,10 @@ The tool is what a user runs: `pido diagnose` on part folders and `pido correct`
 process of their own, in a folder that the sealed truth is not in. Rivals see the same parts.
 """
 
+# pandas annotates what an index or a group gives as a table, a column or a number at once: pyright objects to each
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportOperatorIssue=false, reportReturnType=false
+
 from __future__ import annotations
 
 import hashlib

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -188,7 +189,8 @@ def _sindy(one: _Axis) -> tuple[list[tuple[str, float]], Float1D]:
     import pysindy
 
     names, signals = _signals(one)
-    library = pysindy.PolynomialLibrary(degree=2).fit(signals[one.fit])
+    samples: Any = signals[one.fit]  # an array, as pysindy documents; its annotation knows lists alone
+    library = pysindy.PolynomialLibrary(degree=2).fit(samples)
     columns = np.asarray(library.transform(signals))
     terms = library.get_feature_names(names)
     X, y = columns[one.fit], one.target[one.fit]

@@ -11,7 +11,7 @@ series, so hidden rows stay in their recording without their currents. Axes are 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -152,7 +152,7 @@ def _hidden(one: Run, keep: Bool1D, axes: tuple[str, ...]) -> Recording:
     return Recording(one.recording.part, columns | currents)
 
 
-def _corrected(model: dict[str, object], one: Run, keep: Bool1D) -> Float2D:
+def _corrected(model: Mapping[str, object], one: Run, keep: Bool1D) -> Float2D:
     """(n, 4), A: what the equation with all findings says of the rows to be judged; NaN on other axes."""
     series = correct(model, one.recording).corrected
     rows = one.samples.row[keep]
@@ -165,7 +165,7 @@ def _corrected(model: dict[str, object], one: Run, keep: Bool1D) -> Float2D:
 
 def _summed_up(table: pd.DataFrame, found: pd.DataFrame, notes: list[str]) -> Outcome:
     grouped = table.groupby(["split", "model", "axis"], sort=False)["square"].mean()
-    wide = np.sqrt(grouped).unstack("axis").reset_index()
+    wide = pd.DataFrame(grouped.pow(0.5).unstack("axis")).reset_index()
     axes = [c for c in wide.columns if c not in ("split", "model")]
     asked = [[ASKED.get((split, a), np.nan) for a in axes] for split in wide["split"]]
     wide[[f"{a} asked" for a in axes]] = np.where((wide["model"] == FOUND).to_numpy()[:, None], asked, np.nan)

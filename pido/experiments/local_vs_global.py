@@ -5,6 +5,10 @@ In:  a fleet. Out: errors of the global and the local equation as printed, of th
      directions of motion left out; over all rows of the test set, those in bins that hold training rows, and the others.
 """  # noqa: E501
 
+# pandas annotates what an index or a group gives as a table, a column or a number at once: pyright objects to each
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportOperatorIssue=false, reportReturnType=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -34,9 +38,6 @@ FEW = 20
 def plan(fleet: Fleet, options: Options) -> list[Unit]:
     """The paper's split (three parts train, the last tests), every set left out once, one set alone, and directions of
     motion that no training row has: the diagonals, then each of eight."""
-    # pandas annotates groupby and pivots wider than they are
-    # pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false, reportIndexIssue=false
-    # pyright: reportOperatorIssue=false, reportReturnType=false, reportGeneralTypeIssues=false, reportAssignmentType=false
     names = list(fleet.sets)
     units = []
     if len(names) >= 4:

@@ -8,6 +8,10 @@ Out: one table per proof. Mechanisms, shapes and amplitudes are found anew witho
      equation of parts cut with a new tool against one cut with a worn tool at the same feed, and a new one as control.
 """
 
+# pandas annotates what an index or a group gives as a table, a column or a number at once: pyright objects to each
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false, reportIndexIssue=false, reportOperatorIssue=false, reportReturnType=false
+
 from __future__ import annotations
 
 import time

@@ -168,9 +168,9 @@ def _on_cluster(
         from dask.distributed import Client, LocalCluster, as_completed
     except ImportError:
         raise ClusterError("Dask is not installed: pip install 'pido[cluster]', or leave --cluster out.") from None
-    scheduler = (
-        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) if address == "local" else None
-    )
+    scheduler = None
+    if address == "local":  # None: no dashboard, as Dask's documentation says and its annotation does not
+        scheduler = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)  # pyright: ignore[reportArgumentType]
     try:
         client = Client(scheduler or address, timeout="15s")
     except (OSError, TimeoutError, ValueError) as error:

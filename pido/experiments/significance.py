@@ -31,10 +31,10 @@ def paired_p(difference: Float1D) -> tuple[float, str]:
     spread = float(np.ptp(d))
     if spread <= 1e-12 * float(np.abs(d).max()):  # the same change each time: no scatter to test against
         return float(stats.binomtest(len(d), len(d), 0.5).pvalue), "sign"
-    if stats.shapiro(d).pvalue > LEVEL:
-        return float(stats.ttest_1samp(d, 0.0).pvalue), "t"
+    if stats.shapiro(d)[1] > LEVEL:
+        return float(stats.ttest_1samp(d, 0.0)[1]), "t"
     method = "exact" if len(d) <= 50 and (np.abs(d) > 0).all() and len(np.unique(np.abs(d))) == len(d) else "approx"
-    return float(stats.wilcoxon(d, method=method).pvalue), "Wilcoxon"
+    return float(stats.wilcoxon(d, method=method)[1]), "Wilcoxon"
 
 
 def corrected(p: Float1D, how: Literal["holm", "bh"] = "holm") -> Float1D:

@@ -194,8 +194,11 @@ def _gaussian_process(left: Samples, test: Samples, most: int, rng: np.random.Ge
         y = left.currents[rows, i]
         if len(rows) < 10 or not np.std(y) > 0 or not live.any():
             continue
-        kernel = ConstantKernel(1.0) * RBF(np.full(int(live.sum()), 3.0), (0.1, 1e3)) + WhiteKernel(0.3, (1e-4, 10.0))
-        model = GaussianProcessRegressor(kernel, optimizer=search, normalize_y=True, random_state=0)
+        # one length per input, and a search of its own: both documented, and narrower in what pyright infers
+        lengths: Any = np.full(int(live.sum()), 3.0)
+        own_search: Any = search
+        kernel = ConstantKernel(1.0) * RBF(lengths, (0.1, 1e3)) + WhiteKernel(0.3, (1e-4, 10.0))
+        model = GaussianProcessRegressor(kernel, optimizer=own_search, normalize_y=True, random_state=0)
         with warnings.catch_warnings():
             # a length at its bound means that the input does not matter, which is an answer
             warnings.simplefilter("ignore", ConvergenceWarning)
