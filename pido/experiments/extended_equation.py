@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -164,8 +165,8 @@ def _corrected(model: Mapping[str, object], one: Run, keep: Bool1D) -> Float2D:
 
 
 def _summed_up(table: pd.DataFrame, found: pd.DataFrame, notes: list[str]) -> Outcome:
-    grouped = table.groupby(["split", "model", "axis"], sort=False)["square"].mean()
-    wide = pd.DataFrame(grouped.pow(0.5).unstack("axis")).reset_index()
+    grouped: Any = table.groupby(["split", "model", "axis"], sort=False)["square"].mean()  # wider in its annotation
+    wide = np.sqrt(grouped).unstack("axis").reset_index()
     axes = [c for c in wide.columns if c not in ("split", "model")]
     asked = [[ASKED.get((split, a), np.nan) for a in axes] for split in wide["split"]]
     wide[[f"{a} asked" for a in axes]] = np.where((wide["model"] == FOUND).to_numpy()[:, None], asked, np.nan)

@@ -6,7 +6,7 @@ In:  paired differences. Out: p values, by the t test where Shapiro and Wilk fin
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy import stats
@@ -31,10 +31,13 @@ def paired_p(difference: Float1D) -> tuple[float, str]:
     spread = float(np.ptp(d))
     if spread <= 1e-12 * float(np.abs(d).max()):  # the same change each time: no scatter to test against
         return float(stats.binomtest(len(d), len(d), 0.5).pvalue), "sign"
-    if stats.shapiro(d)[1] > LEVEL:
-        return float(stats.ttest_1samp(d, 0.0)[1]), "t"
+    shape: Any = stats.shapiro(d)  # scipy's results have names that its annotations do not know
+    if shape.pvalue > LEVEL:
+        t_test: Any = stats.ttest_1samp(d, 0.0)
+        return float(t_test.pvalue), "t"
     method = "exact" if len(d) <= 50 and (np.abs(d) > 0).all() and len(np.unique(np.abs(d))) == len(d) else "approx"
-    return float(stats.wilcoxon(d, method=method)[1]), "Wilcoxon"
+    ranks: Any = stats.wilcoxon(d, method=method)
+    return float(ranks.pvalue), "Wilcoxon"
 
 
 def corrected(p: Float1D, how: Literal["holm", "bh"] = "holm") -> Float1D:
