@@ -45,6 +45,7 @@ SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existe
 LEAST_EFFECT = 0.1  # of the noise level, rms where active: a smaller effect is of no use to anybody
 # The same for what no law stands behind: noise itself wanders as much, over seconds and around single frequencies.
 LEAST_NAMELESS = 0.3
+TIED_TO_TIME = frozenset({"unknown", "external_force", "thermal_drift"})
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term
 # whose shape is free, and of one that can take a single form only.
@@ -456,7 +457,7 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
     for i, term in enumerate(terms):
         active = _active(mismatch, effects[i])
         rms = float(np.sqrt(np.mean(effects[i][active] ** 2))) if active.any() else 0.0
-        least = LEAST_NAMELESS if term.name in ("unknown", "external_force") else LEAST_EFFECT
+        least = LEAST_NAMELESS if term.name in TIED_TO_TIME else LEAST_EFFECT
         if rms < least * level:
             return i, f"{rms:.2g} A where it acts, under {least:.0%} of the noise"
         if term.mechanism.transient and lasting(mismatch, term) < LASTING:
