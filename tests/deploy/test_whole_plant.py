@@ -1,18 +1,14 @@
-"""A whole plant as `make plant` starts it: parts arrive, a version is promoted, people look at it in a browser, all of
-it is saved, destroyed and brought back. One plant for all tests of this module, in their order."""
+"""A whole plant as `make plant` starts it: parts arrive, a version is promoted, all of it is saved,
+destroyed and brought back. One plant for all tests of this module, in their order."""
 
 from __future__ import annotations
 
-import base64
-import json
-import os
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.parse import quote
 
 import pytest
 from plain_parts import parts as made_up
@@ -28,7 +24,6 @@ from pido.tracking.ledger import Ledger
 MACHINE = "cmx600v"
 SETTINGS = "[method]\nadaptive = false\ncompare_with_model = false\n"
 PARTS = 3
-PATIENCE_S = 300
 
 
 def _installed() -> bool:
@@ -94,108 +89,6 @@ def test_the_physics_of_the_newest_parts_was_looked_at(plant):
     assert f"Diagnosis of {MACHINE}" in found["diagnosis"]
     until(lambda: "diagnosis-report" in artifacts(plant), "no link to the report in MLflow")
     assert "RMSE" in found["iteration"]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """A Chromium without a window. PIDO_SCREENSHOTS names a folder for pictures of what it saw."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not chromium or not driver:
-        pytest.skip("Chromium is not installed (Debian: apt-get install chromium chromium-driver)")
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1600,1300"):
-        options.add_argument(argument)
-    found = webdriver.Chrome(options, webdriver.ChromeService(driver))
-    found.set_page_load_timeout(PATIENCE_S)
-    yield found
-    found.quit()
-
-
-def shows(browser, picture: str, *words: str) -> None:
-    """Wait until all words stand on the page."""
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    def missing() -> list[str]:
-        text = browser.find_element(By.TAG_NAME, "body").text
-        return [word for word in words if word not in text]
-
-    try:
-        WebDriverWait(browser, PATIENCE_S, ignored_exceptions=[Exception]).until(lambda _: not missing())
-    finally:
-        if folder := os.environ.get("PIDO_SCREENSHOTS"):
-            browser.save_screenshot(str(Path(folder) / f"{picture}.png"))
-
-
-def frame(browser) -> None:
-    """Into the frame that MLflow shows an artifact in."""
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.support import expected_conditions as seen
-    from selenium.webdriver.support.wait import WebDriverWait
-
-    wait = WebDriverWait(browser, PATIENCE_S)
-    wait.until(seen.frame_to_be_available_and_switch_to_it((By.TAG_NAME, "iframe")))
-
-
-@pytest.fixture
-def mlflow_pages(plant, browser):
-    """Opens a place on MLflow's pages, logged in; and the experiment and the runs of the machine, newest first."""
-    from mlflow import MlflowClient
-
-    settings = plant.settings
-    with plant.as_client():
-        client = MlflowClient(settings.mlflow_uri, settings.mlflow_uri)
-        experiment = client.get_experiment_by_name(f"pido {MACHINE}").experiment_id
-        runs = sorted(client.search_runs([experiment]), key=lambda r: -int(r.data.tags["pido.version"]))
-    login = f"{quote(settings.mlflow_user)}:{quote(settings.mlflow_password)}@"
-
-    def visit(place: str) -> None:
-        browser.get("about:blank")  # a page that differs behind the # alone is not loaded anew
-        browser.get(settings.mlflow_uri.replace("://", f"://{login}") + "/#/" + place)
-
-    return visit, experiment, runs
-
-
-@pytest.mark.browser
-def test_mlflow_shows_the_machine_its_runs_and_what_an_engineer_asks_first(mlflow_pages, browser):
-    visit, experiment, runs = mlflow_pages
-    names = [run.info.run_name for run in runs]
-    visit("experiments")
-    shows(browser, "experiments", f"pido {MACHINE}")
-    visit(f"experiments/{experiment}/runs?workflowType=machine_learning")
-    shows(browser, "runs", *names)
-    newest = runs[0].info.run_id
-    visit(f"experiments/{experiment}/runs/{newest}")
-    shows(browser, "run", names[0], f"Version {PARTS}", "Gate:", "rmse_x/both", "real")
-    both = quote(json.dumps([run.info.run_id for run in runs[:2]]))
-    visit(f"compare-runs?runs={both}&experiments={quote(json.dumps([experiment]))}")
-    shows(browser, "compare", *names[:2], "rmse_x/both")
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize(("path", "words"), [("report/index.html", "RMSE"), ("diagnosis/report.html", MACHINE)])
-def test_a_report_is_shown_inside_mlflows_page(mlflow_pages, browser, path, words):
-    visit, experiment, runs = mlflow_pages
-    visit(f"experiments/{experiment}/runs/{runs[0].info.run_id}/artifacts/{path}")
-    frame(browser)
-    shows(browser, path.replace("/", "-"), words)
-    browser.switch_to.default_content()
-
-
-@pytest.mark.browser
-def test_prefects_pages_show_the_iteration_and_link_to_the_report_in_mlflow(plant, browser):
-    settings = plant.settings
-    root = settings.prefect_api.removesuffix("/api")
-    browser.get(root)
-    login = base64.b64encode(f"{settings.prefect_user}:{settings.prefect_password}".encode()).decode()
-    browser.execute_script("localStorage.setItem('prefect-password', arguments[0])", login)
-    browser.get(f"{root}/artifacts/key/iteration")
-    shows(browser, "prefect-iteration", "version", "RMSE in A")
-    browser.get(f"{root}/artifacts/key/diagnosis")
-    shows(browser, "prefect-diagnosis", f"Diagnosis of {MACHINE}")
 
 
 def test_everything_comes_back_in_another_folder_after_the_plant_was_destroyed(plant, place):
