@@ -23,11 +23,6 @@ def direction(state: AxisState) -> Float1D:
     return state.held * state.moving
 
 
-def resisting(state: AxisState, still: float) -> Float1D:
-    """(n,) – sign of the motion; at standstill 0, or with `still` 1 that of the last motion: dry friction holds on."""
-    return state.held if round(still) == 1 else direction(state)
-
-
 def moves(states: Sequence[AxisState]) -> str | None:
     """Why friction cannot be seen: the axis never moves."""
     return None if any(np.any(s.moving) for s in states) else "the axis never moves in these parts"
@@ -138,22 +133,21 @@ class LoadDependentFriction(Mechanism):
     """Coulomb friction that grows with the process load across the guideway.
 
     `across`: 0 the whole load, 1 and 2 only that along the first and second other axis, where the guideway carries it.
-    `still`: 1 where it holds on at standstill.
     """
 
     id = "load_dependent_friction"
     equation = "dI = mu * |F_perp| * sgn(v)"
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
-    shape = (choice("across", 3), choice("still", 2))
+    shape = (choice("across", 3),)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
 
-    def regressors(self, state, *, across=0.0, still=0.0):
+    def regressors(self, state, *, across=0.0):
         if state.force_perp is None:
             return nothing(state)
         others = [np.abs(f) for a, f in state.forces.items() if a != state.axis]
         load = (state.force_perp, *others)[round(across)]
-        return column(load * resisting(state, still))
+        return column(load * direction(state))
 
     def needs(self, states):
         if any(s.force_perp is None for s in states):
@@ -164,7 +158,7 @@ class LoadDependentFriction(Mechanism):
 class PositionDependentFriction(Mechanism):
     """Friction that varies along the travel, with its mean.
 
-    form : 0 a wave of any phase, 1 a slope and a bend, 2 one tight place; still : 1 where it holds on at standstill
+    form : 0 a wave of any phase, 1 a slope and a bend, 2 one tight place
     """
 
     id = "position_dependent_friction"
@@ -175,17 +169,16 @@ class PositionDependentFriction(Mechanism):
     amplitudes = (Parameter("G_0", "A"), Parameter("G_1", "A"), Parameter("G_2", "A"))
     shape = (
         choice("form", 3),
-        choice("still", 2),
         Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
         Parameter("p_0", "mm", values=(0.0,)),
     )
     axes = LINEAR_AXES
     looked_at = 100
 
-    def regressors(self, state, *, form, still, L, p_0):
+    def regressors(self, state, *, form, L, p_0):
         if state.pos is None:
             return nothing(state, 3)
-        h, u = resisting(state, still), (state.pos - p_0) / L
+        h, u = direction(state), (state.pos - p_0) / L
         one, zero = np.ones(len(h)), np.zeros(len(h))
         if round(form) == 0:
             return np.column_stack([one, wave(state.pos, L)]) * h[:, None]
@@ -203,11 +196,7 @@ class PositionDependentFriction(Mechanism):
         waves = [(0.0, span / (0.5 + 0.5 * k), 0.0) for k in range(18)]
         bend = [(1.0, span / 2, (low + high) / 2)]
         places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
-        return tuple(
-            {"form": f, "still": still, "L": L, "p_0": p}
-            for f, L, p in (*waves, *bend, *places)
-            for still in (0.0, 1.0)
-        )
+        return tuple({"form": f, "L": L, "p_0": p} for f, L, p in (*waves, *bend, *places))
 
     def suggest(self, states, left):
         """The stretch of the travel whose friction stands out most from the rest of it."""
@@ -221,11 +210,7 @@ class PositionDependentFriction(Mechanism):
         if good.sum() < 50 or high - low < 1e-3:
             return ()
         stretch = best_stretch(pos[good], (value * h)[good], low, high)
-        return (
-            ()
-            if stretch is None
-            else ({"form": 2.0, "still": 0.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2},)
-        )
+        return () if stretch is None else ({"form": 2.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2},)
 
     def around(self, name, shape, states):
         low, high = _ends(states)
