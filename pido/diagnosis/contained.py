@@ -25,6 +25,7 @@ _ROWS = 6_000  # that are looked at: the simulated current is the same to the la
 _FRACTION = 0.3  # of the mismatch's noise level
 _LEAST_SHARE = 0.005  # of the simulated current's rms that a component must have
 _LEAST_LEVEL = 0.5  # of the mismatch's noise level that it must have
+_LEAST_WEIGHT = 2.0  # the same for a constant, which much else may leave behind
 _LEAST_OWN = 0.1  # of what no component explains, that only this one does
 _AROUND = 5  # rows
 _LASTING = 0.5  # correlation of a component with itself one row later
@@ -101,7 +102,7 @@ def contained(
     level_of_all = abs(float(fit(problem, faint, every).base[0]))
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.
-    if weight is not None and level_of_all > least:
+    if weight is not None and level_of_all > _LEAST_WEIGHT * float(np.median(noise.level)):
         out.setdefault(weight.mechanism.id, Component(weight, level_of_all))
     return out
 
