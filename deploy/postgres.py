@@ -39,6 +39,16 @@ def user() -> str | None:
         ) from None
 
 
+def is_installed() -> bool:
+    """Whether a server of its own can be started here."""
+    try:
+        programs()
+        user()
+    except SettingsError:
+        return False
+    return True
+
+
 def cluster(settings: PlantSettings) -> Path:
     """The folder of the cluster, made at first use: passwords by SCRAM, no socket, no trust."""
     data = settings.folder / "postgres"

@@ -12,21 +12,10 @@ import pytest
 from deploy import backup, postgres
 from deploy.plant import Plant, with_free_ports
 from deploy.settings import PlantSettings, load
-from pido.core.errors import PidoError
-
-
-def _installed() -> bool:
-    try:
-        postgres.programs()
-        postgres.user()
-    except PidoError:
-        return False
-    return True
-
 
 pytestmark = [
     pytest.mark.servers,
-    pytest.mark.skipif(not _installed(), reason="PostgreSQL is not installed (Debian: apt-get install postgresql)"),
+    pytest.mark.skipif(not postgres.is_installed(), reason="PostgreSQL is missing (apt-get install postgresql)"),
 ]
 
 

@@ -16,7 +16,6 @@ from plain_parts import with_simulation
 
 from benchmarks.plant_chaos import Plant, full_state, in_mlflow, settled, until
 from deploy import postgres
-from pido.core.errors import PidoError
 from pido.recordings.folder import write_folder
 from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
@@ -26,19 +25,10 @@ SETTINGS = "[method]\nadaptive = false\ncompare_with_model = false\n"
 PARTS = 3
 
 
-def _installed() -> bool:
-    try:
-        postgres.programs()
-        postgres.user()
-    except PidoError:
-        return False
-    return True
-
-
 pytestmark = [
     pytest.mark.servers,
     pytest.mark.slow,
-    pytest.mark.skipif(not _installed(), reason="PostgreSQL is not installed (Debian: apt-get install postgresql)"),
+    pytest.mark.skipif(not postgres.is_installed(), reason="PostgreSQL is missing (apt-get install postgresql)"),
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]
