@@ -276,7 +276,7 @@ def main(most: float, limit: int, folder: Path | None, single: tuple[str, str, s
     """Curves of time and memory.
 
     \b
-    python -m benchmarks.growth --most 1e8 --folder /var/tmp/growth
+    python -m benchmarks.growth --most 1e8 --folder out/growth
     """
     if single:
         click.echo(json.dumps(one(Path(single[0]), int(single[1]), int(single[2]))))

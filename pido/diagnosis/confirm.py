@@ -17,7 +17,7 @@ from scipy import stats
 
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.finding import HeldOut
-from pido.diagnosis.mismatch import FEW_PARTS, Mismatch
+from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, held_back, solve, solve_normal
 from pido.diagnosis.whiten import Noise
 
@@ -191,10 +191,6 @@ def interval(beta: Float1D, covariance: Float2D, draws: Float2D, units: int) -> 
     t = float(stats.t.ppf(0.975, max(2, units - 1))) if units < 30 else 1.96
     t = np.where(resampled > classical, t, 1.96)
     return [(float(b - s * u), float(b + s * u)) for b, s, u in zip(beta, sd, t, strict=True)]
-
-
-def enough_parts(mismatch: Mismatch) -> bool:
-    return len(mismatch.states) >= FEW_PARTS
 
 
 def _size(X: Float2D) -> Float1D:

@@ -30,7 +30,9 @@ from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Finding, HeldOut, PartSeries, Rejected
+from pido.diagnosis.forms import likelier, plainest, rivals_of
 from pido.diagnosis.identify import (
+    SIGNIFICANT,
     SIGNIFICANT_NAME,
     Answer,
     by_error,
@@ -38,10 +40,8 @@ from pido.diagnosis.identify import (
     confirm,
     even,
     first_noise,
-    likelier,
     noise_of,
-    plainest,
-    rivals_of,
+    plain_error,
     rms_held_out,
     seen_slowly,
     select_terms,
@@ -330,18 +330,12 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
         # What fell may have hidden what is simple, or stood for something that no name of the catalogue says.
         simple = plainest(library, noise, by_error(library, terms, questions))
         library.whiten(noise)
-        terms = _if_it_holds(library, noise, simple, terms, answer, questions)
+        terms = _retried(library, noise, simple, terms, answer, questions)
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
-        terms = _if_it_holds(library, noise, wider, terms, answer, questions)
+        terms = _retried(library, noise, wider, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
     for better in (likelier, plainest):
-        other = better(library, noise, terms)
-        trial = Answer(mismatch.axis)
-        kept = confirm(library, noise, other, trial, questions, SIGNIFICANT_NAME) if other != terms else terms
-        if kept != terms and (len(kept) == len(other) or _as_good(mismatch, kept, terms)):
-            taken = {t.name for t in kept}
-            terms, answer.rejected = kept, [r for r in answer.rejected if r.mechanism not in taken]
-            answer.p_values, answer.q_values = trial.p_values, trial.q_values
+        terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
     if terms and not timed:
         library = Library(mismatch, rivals, _any_sign(look.inside))
@@ -369,27 +363,45 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
     return out
 
 
-def _if_it_holds(
+def _retried(
     library: Library, noise: Noise, other: list[Term], terms: list[Term], answer: Answer, questions: int
 ) -> list[Term]:
-    """`other` where every term of it stands up to the strict tests, else `terms`."""
-    if other == terms:
+    """What of `other` stands up to the strict tests, where it is no less than `terms` or leaves less error."""
+    kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT)
+    if not kept or kept == terms:
         return terms
+    more = len(kept) >= len(terms) or plain_error(library.mismatch, kept) < plain_error(library.mismatch, terms)
+    return _taken(answer, trial, kept) if more else terms
+
+
+def _renamed(
+    library: Library, noise: Noise, other: list[Term], terms: list[Term], answer: Answer, questions: int
+) -> list[Term]:
+    """`other`, which say the same in better names, where all stand up, or those that leave hardly more error."""
+    kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT_NAME)
+    holds = kept != terms and (len(kept) == len(other) or _as_good(library.mismatch, kept, terms))
+    return _taken(answer, trial, kept) if holds else terms
+
+
+def _confirmed(
+    library: Library, noise: Noise, other: list[Term], terms: list[Term], questions: int, level: float
+) -> tuple[list[Term], Answer]:
+    """What of `other` stands up, with its proofs; nothing is tested where it is `terms` again."""
     trial = Answer(library.mismatch.axis)
-    kept = confirm(library, noise, other, trial, questions)
-    if not kept or len(kept) < len(terms) or (len(kept) < len(other) and kept == terms):
-        return terms
+    return (terms if other == terms else confirm(library, noise, other, trial, questions, level)), trial
+
+
+def _taken(answer: Answer, trial: Answer, kept: list[Term]) -> list[Term]:
+    """`kept`, with its proofs put into the answer."""
+    names = {t.name for t in kept}
+    answer.rejected = [r for r in answer.rejected if r.mechanism not in names]
     answer.p_values, answer.q_values = trial.p_values, trial.q_values
-    taken = {t.name for t in kept}
-    answer.rejected = [r for r in answer.rejected if r.mechanism not in taken]
     return kept
 
 
 def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether no more terms leave an error on unseen folds that is hardly larger."""
-    plain = even(mismatch)
-    errors = [rms_held_out(mismatch, plain, t) for t in (fewer, terms)]
-    return 0 < len(fewer) <= len(terms) and errors[0] < errors[1] / _LESS_ERROR
+    return 0 < len(fewer) <= len(terms) and plain_error(mismatch, fewer) < plain_error(mismatch, terms) / _LESS_ERROR
 
 
 def _settle(
@@ -406,7 +418,7 @@ def _settle(
     noise = estimate_noise(rest, full.starts, full.noise_class, full.usable)
     terms = settle_shapes(full, noise, answer.terms)
     other = even(full)
-    if rms_held_out(full, other, terms) < _PLAIN_IS_BETTER * rms_held_out(full, noise, terms):
+    if plain_error(full, terms) < _PLAIN_IS_BETTER * rms_held_out(full, noise, terms):
         # The terms lack something that is slow: weights that listen to what is quick would fit them to the wrong part.
         noise, other = other, noise
         terms = settle_shapes(full, noise, terms)

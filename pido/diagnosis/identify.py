@@ -31,7 +31,6 @@ from pido.diagnosis.select import (
     best_addition,
     drop_useless,
     grid_terms,
-    refine,
     shortlist_of,
     suggested,
     swap,
@@ -51,8 +50,6 @@ LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # whose shape is free, and of one that can take a single form only.
 MISFIT, MISFIT_PLAIN = 0.04, 0.01
 SMALL = 0.12  # the same share for a finding that is small in its own right
-HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
-_LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
 CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by which one confined to a box must beat it
@@ -124,10 +121,9 @@ def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
     strong, and
     whitening would then listen to fast transients only.
     """
-    plain = even(mismatch)
     # What weights that listen to what is quick leave of a slow effect would make noise slower still.
-    if rms_held_out(mismatch, plain, terms) < rms_held_out(mismatch, noise, terms):
-        noise = plain
+    if plain_error(mismatch, terms) < rms_held_out(mismatch, noise, terms):
+        noise = even(mismatch)
     residual = flexible_rest(mismatch, fit(mismatch, noise, terms).residual)
     return estimate_noise(residual, mismatch.starts, mismatch.noise_class, mismatch.usable)
 
@@ -141,9 +137,10 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), in_
     terms = list(start)
     seen: set[tuple[str, ...]] = set()
     while True:
+        if len(terms) >= MOST_TERMS:
+            return terms
         current = basis(library, noise, terms)
-        full = len(terms) >= MOST_TERMS
-        best = None if full else next_named(library, noise, terms)
+        best = next_named(library, noise, terms)
         if best is None or best.bic > current.bic - LEAST_GAIN:
             if not in_time:
                 return terms
@@ -226,98 +223,14 @@ def rms_held_out(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> flo
     return float(np.sqrt(np.mean(left**2)))
 
 
+def plain_error(mismatch: Mismatch, terms: Sequence[Term]) -> float:
+    """A, on folds that were not fitted, under ordinary least squares."""
+    return rms_held_out(mismatch, even(mismatch), terms)
+
+
 def less_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], share: float) -> bool:
     """Whether `terms` make the plain error on unseen folds smaller than `others` do, by more than `share` of it."""
-    plain = even(mismatch)
-    return rms_held_out(mismatch, plain, terms) < (1 - share) * rms_held_out(mismatch, plain, others)
-
-
-def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """Of textbook forms that fit equally well beside the other terms, the first.
-
-    What sgn(v) lacks of a presliding friction includes what it holds at standstill. Where the two have sizes of their
-    own, or nearly all of it is held at standstill, they are two findings. Where the simulation has no Coulomb friction
-    at all, a whole presliding friction is that friction and what sgn(v) lacks of it after a reversal.
-    """
-    out = _without_limits(library.mismatch, _without_places(library, list(terms)))
-    out = _without_whole_presliding(library, noise, out)
-    standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
-    if standing is not None and standing.name not in {t.name for t in out}:
-        for i, term in enumerate(out):
-            if term.mechanism.id == "presliding_hysteresis" and not term.gates:
-                turned = replace(term, shape=tuple({**dict(term.shape), "full": 0.0}.items()))
-                trial = [*out[:i], turned, *out[i + 1 :], standing]
-                margin = LEAST_GAIN if _at_standstill(library.mismatch, term) > HELD else -LEAST_GAIN
-                if basis(library, noise, trial).bic < basis(library, noise, out).bic + margin:
-                    out = trial
-                    break
-    coulomb = any(t.name == "coulomb_friction" and not t.gates for t in out)
-    for i, term in enumerate(out):
-        for p in term.mechanism.shape:
-            if not p.is_choice or (coulomb and term.mechanism.id == "presliding_hysteresis"):
-                continue
-            whole = basis(library, noise, out).bic
-            for value in p.values:
-                if value == dict(out[i].shape)[p.name]:
-                    break
-                other = replace(term, shape=tuple({**dict(out[i].shape), p.name: value}.items()))
-                trial = [*out[:i], other, *out[i + 1 :]]
-                if basis(library, noise, trial).bic < whole + 2.0:
-                    out = trial
-                    break
-    return out
-
-
-def _at_standstill(mismatch: Mismatch, term: Term) -> float:
-    """Share of a term's power in rows in which the axis stands still."""
-    power = np.sum(term.columns(mismatch.states) ** 2, axis=0) * mismatch.usable
-    still = np.concatenate([~s.moving for s in mismatch.states])
-    return float(np.sum(power[still]) / max(np.sum(power), 1e-300))
-
-
-def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:
-    """`terms` without the limits of regions that hardly add to what the same mechanism removes everywhere."""
-    for i, term in enumerate(terms):
-        if not term.gates or term.name == "unknown":
-            continue
-        free = [*terms[:i], replace(term, gates=()), *terms[i + 1 :]]
-        none, everywhere, inside = (_plain_power(mismatch, t) for t in (terms[:i] + terms[i + 1 :], free, terms))
-        if none - everywhere > (1 - CONFINED) * (none - inside) > 0:
-            terms = free
-    return terms
-
-
-def _plain_power(mismatch: Mismatch, terms: Sequence[Term]) -> float:
-    """A², mean square on folds that were not fitted, under ordinary least squares."""
-    return rms_held_out(mismatch, even(mismatch), terms) ** 2
-
-
-def _without_places(library: Library, terms: list[Term]) -> list[Term]:
-    """`terms` with Coulomb's friction for one along the travel, where nearly all that this removes is its mean."""
-    coulomb = next((t for t in library.terms if t.mechanism.id == "coulomb_friction"), None)
-    at = next((i for i, t in enumerate(terms) if t.mechanism.id == "position_dependent_friction"), None)
-    if coulomb is None or at is None or coulomb.name in {t.name for t in terms}:
-        return terms
-    rest = [t for k, t in enumerate(terms) if k != at]
-    trial = [*terms[:at], replace(coulomb, gates=terms[at].gates), *terms[at + 1 :]]
-    none, flat, whole = (_plain_power(library.mismatch, t) for t in (rest, trial, terms))
-    return trial if none - flat > (1 - MISFIT) * (none - whole) > 0 else terms
-
-
-def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
-    coulomb = next((t for t in library.terms if t.name == "coulomb_friction"), None)
-    if coulomb is None:
-        return terms
-    beside = any(t.name == coulomb.name and not t.gates for t in terms)
-    for i, term in enumerate(terms):
-        if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
-            turned = replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items()))
-            if beside:
-                return [*terms[:i], turned, *terms[i + 1 :]]  # the same sum, with all of Coulomb's friction in its name
-            trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
-            if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:
-                return trial
-    return terms
+    return plain_error(mismatch, terms) < (1 - share) * plain_error(mismatch, others)
 
 
 def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score | None:
@@ -378,44 +291,6 @@ def _tune(library: Library, current: Basis, rhythm: Rhythm, period: float) -> Sc
         if found is not None and (best is None or found.bic < best.bic):
             best = found
     return None if best is None else replace(best, bic=best.bic + 2 * np.log(library.mismatch.n))
-
-
-def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:
-    """Every other mechanism in the place of one term, the rest refitted; nearest first."""
-    rest = [t for i, t in enumerate(terms) if i != which]
-    whole = basis(library, noise, terms)
-    without = basis(library, noise, rest)
-    gain = max(without.rss - whole.rss, 1e-9)
-    others = shortlist_of(library.screen(without), {t.name for t in rest} | {terms[which].name})
-    out = []
-    for k, score in enumerate(others[:8]):
-        found = refine(library, without, score) if k < 4 else score
-        out.append(Rival(found.term.name, found.bic - whole.bic, found.gain / gain, found.term))
-    return sorted(out, key=lambda r: r.delta_bic)
-
-
-def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """The same terms with each that another mechanism beats in its place, now that others have gone, replaced by it."""
-    out = list(terms)
-    for i, term in enumerate(terms):
-        if term.name in ("unknown", "external_force"):
-            continue
-        rest = basis(library, noise, [t for k, t in enumerate(out) if k != i])
-        # The shape of the term itself was found beside others that have gone.
-        own = library.score(term, rest)
-        own = None if own is None else refine(library, rest, own)
-        gain = 0.0 if own is None else max(0.0, basis(library, noise, out).bic - own.bic)
-        rivals = [r for r in rivals_of(library, noise, out, i) if not _holds(r.term, term)]
-        if rivals and rivals[0].delta_bic < -_LIKELIER - gain:
-            out[i] = rivals[0].term
-        elif own is not None and gain > 0:
-            out[i] = own.term
-    return out
-
-
-def _holds(rival: Term, term: Term) -> bool:
-    """Whether a rival is the term itself and more: a whole presliding friction holds Coulomb's."""
-    return term.mechanism.id == "coulomb_friction" and dict(rival.shape).get("full") == 1.0
 
 
 def confirm(

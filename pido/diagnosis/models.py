@@ -17,6 +17,7 @@ from pido.core.columns import CURRENT_SIM
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.baseline import equation_names, equation_rows
+from pido.diagnosis.dynamics import Lagged, Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -154,6 +155,10 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"factors": [list(f) for f in factors], "unit": unit, "seen": [list(r) for r in seen]}
         case Peak(signal=signal, unit=unit, even=even):
             own |= {"signal": signal, "unit": unit, "even": even}
+        case Ringing(signal=signal, unit=unit):
+            own |= {"rings": signal, "unit": unit}
+        case Lagged(signal=signal, form=form, unit=unit):
+            own |= {"lags": signal, "form": form, "unit": unit}
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -196,6 +201,10 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "signal" in own:
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]))
+    if "rings" in own:
+        return Ringing(str(own["rings"]), str(own["unit"]))
+    if "lags" in own:
+        return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]))
     if "variables" in own:
         knots = tuple(tuple(float(k) for k in ks) for ks in own["knots"])
         return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))

@@ -57,7 +57,8 @@ class AxisState:
     places : machine position of each linear axis, mm
     wx, wy, wz : mm from the centre (top) of the workpiece; workpiece_size : its (x, y) size, mm
     lead : ball screw lead, mm; vertical : True where gravity acts along the axis
-    sim, curr : A, simulated and recorded current; usable : rows that may be fitted
+    sim, curr : A, simulated and recorded current; sims : A, simulated current of the other axes
+    usable : rows that may be fitted
     """
 
     axis: str
@@ -99,6 +100,7 @@ class AxisState:
     vertical: bool | None = None
     sim: Float1D | None = None
     curr: Float1D | None = None
+    sims: Mapping[str, Float1D] = field(default_factory=dict)
     usable: Bool1D = field(default_factory=lambda: np.zeros(0, bool))
 
 
@@ -204,6 +206,7 @@ def _state(
         vertical=None if vertical is None else vertical == axis,
         sim=_numbers(recording, CURRENT_SIM[axis]),
         curr=_numbers(recording, CURRENT[axis]),
+        sims={a: i for a in AXES if a != axis and (i := _numbers(recording, CURRENT_SIM[a])) is not None},
         usable=usable,
     )
 

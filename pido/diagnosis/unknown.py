@@ -19,6 +19,7 @@ from scipy import stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
+from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
@@ -59,6 +60,9 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"pos_{a}": (None if spindle else state.pos, length),
         f"held_{a}": (state.held, "–"),
         f"d_{a}": (state.since_reversal, length),
+        f"I_{a}": (state.sim, "A"),
+        **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
+        "feed": (lambda: _feed(state), "mm/s"),
         **{f"f_{axis}": (force, "N") for axis, force in state.forces.items()},
         "t_block": (lambda: _since_change(state.time, state.nc_line), "s"),
         "t_cut": (lambda: _since_change(state.time, state.engaged, state.engaged), "s"),
@@ -79,6 +83,14 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         if values is not None:
             out[name] = (_finite(np.asarray(values, float)), unit)
     return out
+
+
+def _feed(state: AxisState) -> Float1D | None:
+    """Speed along the path, mm/s; None with fewer than two linear axes."""
+    speeds = [o.v for name, o in state.others.items() if name in LINEAR_AXES]
+    if not speeds:
+        return None
+    return np.sqrt(sum(v**2 for v in (speeds if state.axis == "sp" else [state.v, *speeds])))
 
 
 def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = None) -> Float1D | None:
@@ -265,6 +277,10 @@ class Peak(Mechanism):
 
     def applies(self, states: Sequence[AxisState]) -> str | None:
         return None
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in widths of the peak and in powers of e."""
+        return {"c": shape["c"] + float(by[0]) * shape["w"], "w": shape["w"] * float(np.exp(np.clip(by[1], -3, 3)))}
 
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
         u = f"|{self.signal}|" if self.even else self.signal

@@ -8,6 +8,7 @@ has to win clearly; then every named term must still be needed beside it.
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
+from pido.diagnosis.dynamics import Lagged, Ringing, remembering
 from pido.diagnosis.identify import less_error
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
@@ -110,10 +112,12 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     """The best formula or peak, and a curve or surface over the same quantities where that is clearly better."""
     mismatch = library.mismatch
     current = basis(library, noise, start)
-    few = coarse(mismatch, fit(mismatch, noise, start).residual, noise)
+    residual = fit(mismatch, noise, start).residual
+    few = coarse(mismatch, residual, noise)
     known = {n: (v[few.rows], unit) for n, (v, unit) in common_signals(mismatch.states).items()}
     offered = _ranked(known, few)
-    scores = [s for t in offered[:_FINALISTS] if (s := library.score(t, current)) is not None]
+    late = remembering(mismatch, residual)
+    scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
     scores = [s for s in scores if not _is_known(library, noise, s.term)]
     if not scores:
         return []
@@ -143,19 +147,17 @@ def _gains_of_peaks(
     known: Mapping[str, tuple[Float1D, str]], few: Coarse
 ) -> Iterator[tuple[Peak, dict[str, float], float]]:
     """Peaks, each with what it would take away by itself; rows are sorted into narrow classes of the quantity first."""
-    offered = peaks(known)
-    for peak in dict.fromkeys(p for p, _ in offered):
+    for peak, offered in itertools.groupby(peaks(known), key=lambda each: each[0]):
         u = np.abs(known[peak.signal][0]) if peak.even else known[peak.signal][0]
         edges = np.linspace(u.min(), u.max(), _CLASSES + 1)
         at = np.clip(np.searchsorted(edges, u, side="right") - 1, 0, _CLASSES - 1)
         inner = np.bincount(at, few.weights * few.values, _CLASSES)
         size = np.bincount(at, few.weights, _CLASSES)
         middle = (edges[1:] + edges[:-1]) / 2
-        for other, shape in offered:
-            if other == peak:
-                row = np.exp(-(((middle - shape["c"]) / shape["w"]) ** 2))
-                own = float(row**2 @ size)
-                yield peak, shape, float(row @ inner) ** 2 / own if own > 0 else 0.0
+        for _, shape in offered:
+            row = np.exp(-(((middle - shape["c"]) / shape["w"]) ** 2))
+            own = float(row**2 @ size)
+            yield peak, shape, float(row @ inner) ** 2 / own if own > 0 else 0.0
 
 
 def _gains_of_formulas(
@@ -176,15 +178,13 @@ def _gains_of_formulas(
 
 def tune(library: Library, current: Basis, score: Score) -> Score:
     """The shape of an unnamed term moved to its best."""
-    if not score.term.shape:
+    best, size, mechanism = score, dict(score.term.shape), score.term.mechanism
+    if not isinstance(mechanism, (Peak, Ringing, Lagged)):
         return score
-    best, size = score, dict(score.term.shape)
-    names = list(size)
 
-    def loss(u: Float1D) -> float:
+    def loss(by: Float1D) -> float:
         nonlocal best
-        shape = {"c": size["c"] + u[0] * size["w"], "w": size["w"] * float(np.exp(np.clip(u[1], -3, 3)))}
-        found = library.score(replace(score.term, shape=tuple((n, float(shape[n])) for n in names)), current)
+        found = library.score(replace(score.term, shape=tuple(mechanism.moved(size, by).items())), current)
         if found is not None and found.bic < best.bic:
             best = found
         return current.rss if found is None else current.rss - found.gain
@@ -210,7 +210,7 @@ def _quantities(term: Term) -> frozenset[str]:
     match term.mechanism:
         case Formula(factors=factors):
             return frozenset(n for n, _ in factors)
-        case Peak(signal=signal):
+        case Peak(signal=signal) | Ringing(signal=signal) | Lagged(signal=signal):
             return frozenset({signal})
         case _:
             return frozenset()

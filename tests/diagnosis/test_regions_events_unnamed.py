@@ -6,10 +6,11 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
+from pido.diagnosis.identify import select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.regions import CLEARLY, best_region
-from pido.diagnosis.select import Library, basis
+from pido.diagnosis.select import MOST_TERMS, Library, basis
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.unnamed import with_unknown
@@ -126,3 +127,12 @@ def test_a_named_effect_that_explains_everything_keeps_its_name():
 def test_a_gate_says_its_condition_as_the_contract_has_it():
     assert Gate("v_x", low=4.0).condition == "v_x > 4"
     assert Gate("AR", low=1.0, high=2.5).condition == "AR > 1 and AR < 2.5"
+
+
+def test_a_tone_that_drifts_does_not_keep_the_search_adding_waves():
+    def chirp(state):
+        return np.sin(2 * np.pi * (1.0 + 0.02 * state.time) * state.time)
+
+    mismatch, noise = laid_out(chirp)
+    terms = select_terms(library_of(mismatch, noise), noise)
+    assert 1 <= len(terms) <= MOST_TERMS

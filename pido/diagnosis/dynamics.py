@@ -1,0 +1,170 @@
+"""Models without a name that remember: an axis that rings after a change, a current that follows late.
+
+In:  the residual of one axis, and the quantities that could drive it.
+Out: `Ringing` and `Lagged` terms worth a closer look, their frequencies and times read from the residual itself.
+Source: transfer function estimate H1 = Sxy / Sxx (Welch); first-order hold of a linear oscillator (Franklin, Powell and
+Workman, Digital Control of Dynamic Systems, ch. 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import signal as dsp
+
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.terms import Term
+from pido.diagnosis.unknown import FORMS, LOOKED_AT, common_signals, signals
+
+_WINDOW_S = 20.0  # of a spectrum
+_SLOWEST_HZ = 0.2
+_FASTEST = 0.4  # of the sampling rate
+_MODES = 5  # peaks of a spectrum that are looked at
+_DAMPING = (0.015, 0.06, 0.2)
+_MOST_DAMPED = 0.4  # beyond it nothing rings: that is `Lagged`
+_TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Ringing(Mechanism):
+    """What a lightly damped oscillator adds to the quasi-static answer to a quantity u:
+
+    dI = k_s * (w² / D - 1) u + k_v * (w s / D) u,  D = s² + 2 zeta w s + w²,  w = 2 pi f
+    """
+
+    signal: str
+    unit: str
+
+    id: ClassVar[str] = "unknown"
+    kind: ClassVar[Any] = "unexplained"
+    looked_at: ClassVar[int] = LOOKED_AT
+    shape: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("f", "Hz", low=0.0, scale="log"),
+        Parameter("zeta", "–", low=0.0, scale="log"),
+    )
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        u = self.signal
+        return f"dI = k_s * (w²/D - 1) {u} + k_v * (w s/D) {u}, D = s² + 2 zeta w s + w², w = 2 pi f"
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return Parameter("k_s", f"A/({self.unit})"), Parameter("k_v", f"A/({self.unit})")
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        u = signals(state, [self.signal])[self.signal][0]
+        dt = float(np.median(np.diff(state.time))) if len(u) > 1 else 0.0
+        if dt <= 0 or shape["f"] * dt > 0.5:
+            return np.zeros((len(u), 2))
+        w, zeta = 2 * np.pi * shape["f"], shape["zeta"]
+        below = [1.0, 2 * zeta * w, w * w]
+        return np.column_stack([_filtered(above, below, u, dt) for above in ([-1.0, -2 * zeta * w, 0.0], [w, 0.0])])
+
+    def applies(self, states: Sequence[AxisState]) -> str | None:
+        return None
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"ringing at {shape['f']:.3g} Hz after changes of {self.signal}", ()
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in widths of the resonance and in powers of e."""
+        zeta = float(np.clip(shape["zeta"] * np.exp(np.clip(by[1], -3, 3)), 1e-3, _MOST_DAMPED))
+        return {"f": max(_SLOWEST_HZ, float(shape["f"] * np.exp(2 * shape["zeta"] * by[0]))), "zeta": zeta}
+
+
+@dataclass(frozen=True)
+class Lagged(Mechanism):
+    """A quantity that acts late, and what of it acts at once: dI = k_l * p(u) / (1 + tau s) + k * p(u)."""
+
+    signal: str
+    form: str
+    unit: str
+
+    id: ClassVar[str] = "unknown"
+    kind: ClassVar[Any] = "unexplained"
+    looked_at: ClassVar[int] = LOOKED_AT
+    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        u = self.form.replace("u", self.signal)
+        return f"dI = k_l * {u} / (1 + tau s) + k * {u}"
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return Parameter("k_l", f"A/({self.unit})"), Parameter("k", f"A/({self.unit})")
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        u = FORMS[self.form](signals(state, [self.signal])[self.signal][0])
+        dt = float(np.median(np.diff(state.time))) if len(u) > 1 else 0.0
+        if dt <= 0:
+            return np.zeros((len(u), 2))
+        return np.column_stack([_filtered([1.0], [shape["tau"], 1.0], u - u[0], dt) + u[0], u])
+
+    def applies(self, states: Sequence[AxisState]) -> str | None:
+        return None
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"following {self.signal} {shape['tau']:.3g} s late", ()
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in powers of e."""
+        return {"tau": float(shape["tau"] * np.exp(np.clip(by[0], -3, 3)))}
+
+
+def remembering(mismatch: Mismatch, residual: Float1D) -> list[Term]:
+    """Ringing at the frequencies in which the residual answers to a quantity, and late answers in steps of three."""
+    known = common_signals(mismatch.states)
+    axis = mismatch.axis
+    terms = []
+    for name in (f"a_{axis}", f"f_{axis}"):
+        if name in known:
+            ringing = Ringing(name, known[name][1])
+            terms += [
+                Term(ringing, (("f", f), ("zeta", zeta)))
+                for f in _answers(mismatch, residual, known[name][0])
+                for zeta in _DAMPING
+            ]
+    for name, form in _late(known, axis):
+        terms += [Term(Lagged(name, form, known[name][1]), (("tau", tau),)) for tau in _TIMES_S]
+    return terms
+
+
+def _late(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple[str, str]]:
+    for name in (f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp", "coolant"):
+        if name in known:
+            yield name, "u"
+            if known[name][0].min() < 0 < known[name][0].max():
+                yield name, "|u|"
+
+
+def _answers(mismatch: Mismatch, residual: Float1D, drive: Float1D) -> list[float]:
+    """Hz – where the residual's power that is coherent with `drive` has its highest peaks."""
+    rate = 1.0 / float(np.median(np.diff(mismatch.states[0].time)))
+    shortest = min(len(s.time) for s in mismatch.states)
+    length = int(min(shortest, _WINDOW_S * rate))
+    if length < 64:
+        return []
+    cross, own = 0.0, 0.0
+    for i, j in zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True):
+        x, y = drive[i:j], np.where(mismatch.usable[i:j], residual[i:j], 0.0)
+        f, answer = dsp.csd(x, y, rate, nperseg=length)
+        cross = cross + answer
+        own = own + dsp.welch(x, rate, nperseg=length)[1]
+    coherent = np.abs(cross) ** 2 / np.maximum(own, 1e-12 * np.max(own))
+    coherent = np.where((f > _SLOWEST_HZ) & (f < _FASTEST * rate), coherent, 0.0)
+    at = dsp.find_peaks(coherent)[0]
+    return [float(f[k]) for k in at[np.argsort(-coherent[at])][:_MODES]]
+
+
+def _filtered(above: Sequence[float], below: Sequence[float], u: Float1D, dt: float) -> Float1D:
+    """The answer of a linear system to a sampled signal, drawn straight between samples."""
+    numerator, denominator, _ = dsp.cont2discrete((above, below), dt, method="foh")
+    return dsp.lfilter(np.ravel(numerator), denominator, u)

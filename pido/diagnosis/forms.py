@@ -1,0 +1,143 @@
+"""The right name and the plainest form for a term, once it is known that something acts there.
+
+In:  the terms of one axis, its library and noise.
+Out: the same terms, each as the likeliest mechanism in its place (`likelier`), in the first of the textbook forms that
+     fit equally well (`plainest`); and what else could stand in a term's place (`rivals_of`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pido.diagnosis.identify import CONFINED, LEAST_GAIN, MISFIT, Rival, plain_error
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.select import Library, basis, drop_useless, refine, shortlist_of
+from pido.diagnosis.terms import Term
+from pido.diagnosis.whiten import Noise
+
+HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
+_LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
+
+
+def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """Of textbook forms that fit equally well beside the other terms, the first.
+
+    What sgn(v) lacks of a presliding friction includes what it holds at standstill. Where the two have sizes of their
+    own, or nearly all of it is held at standstill, they are two findings. Where the simulation has no Coulomb friction
+    at all, a whole presliding friction is that friction and what sgn(v) lacks of it after a reversal.
+    """
+    out = _without_limits(library.mismatch, _without_places(library, list(terms)))
+    out = _without_whole_presliding(library, noise, out)
+    standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
+    if standing is not None and standing.name not in {t.name for t in out}:
+        for i, term in enumerate(out):
+            if term.mechanism.id == "presliding_hysteresis" and not term.gates:
+                turned = replace(term, shape=tuple({**dict(term.shape), "full": 0.0}.items()))
+                trial = [*out[:i], turned, *out[i + 1 :], standing]
+                margin = LEAST_GAIN if _at_standstill(library.mismatch, term) > HELD else -LEAST_GAIN
+                if basis(library, noise, trial).bic < basis(library, noise, out).bic + margin:
+                    out = trial
+                    break
+    coulomb = any(t.name == "coulomb_friction" and not t.gates for t in out)
+    for i, term in enumerate(out):
+        for p in term.mechanism.shape:
+            if not p.is_choice or (coulomb and term.mechanism.id == "presliding_hysteresis"):
+                continue
+            whole = basis(library, noise, out).bic
+            for value in p.values:
+                if value == dict(out[i].shape)[p.name]:
+                    break
+                other = replace(term, shape=tuple({**dict(out[i].shape), p.name: value}.items()))
+                trial = [*out[:i], other, *out[i + 1 :]]
+                if basis(library, noise, trial).bic < whole + 2.0:
+                    out = trial
+                    break
+    return out
+
+
+def _at_standstill(mismatch: Mismatch, term: Term) -> float:
+    """Share of a term's power in rows in which the axis stands still."""
+    power = np.sum(term.columns(mismatch.states) ** 2, axis=0) * mismatch.usable
+    still = np.concatenate([~s.moving for s in mismatch.states])
+    return float(np.sum(power[still]) / max(np.sum(power), 1e-300))
+
+
+def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:
+    """`terms` without the limits of regions that hardly add to what the same mechanism removes everywhere."""
+    for i, term in enumerate(terms):
+        if not term.gates or term.name == "unknown":
+            continue
+        free = [*terms[:i], replace(term, gates=()), *terms[i + 1 :]]
+        none, everywhere, inside = (plain_error(mismatch, t) ** 2 for t in (terms[:i] + terms[i + 1 :], free, terms))
+        if none - everywhere > (1 - CONFINED) * (none - inside) > 0:
+            terms = free
+    return terms
+
+
+def _without_places(library: Library, terms: list[Term]) -> list[Term]:
+    """`terms` with Coulomb's friction for one along the travel, where nearly all that this removes is its mean."""
+    coulomb = next((t for t in library.terms if t.mechanism.id == "coulomb_friction"), None)
+    at = next((i for i, t in enumerate(terms) if t.mechanism.id == "position_dependent_friction"), None)
+    if coulomb is None or at is None or coulomb.name in {t.name for t in terms}:
+        return terms
+    rest = [t for k, t in enumerate(terms) if k != at]
+    trial = [*terms[:at], replace(coulomb, gates=terms[at].gates), *terms[at + 1 :]]
+    none, flat, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, trial, terms))
+    return trial if none - flat > (1 - MISFIT) * (none - whole) > 0 else terms
+
+
+def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
+    coulomb = next((t for t in library.terms if t.name == "coulomb_friction"), None)
+    if coulomb is None:
+        return terms
+    beside = any(t.name == coulomb.name and not t.gates for t in terms)
+    for i, term in enumerate(terms):
+        if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
+            turned = replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items()))
+            if beside:
+                return [*terms[:i], turned, *terms[i + 1 :]]  # the same sum, with all of Coulomb's friction in its name
+            trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
+            if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:
+                return trial
+    return terms
+
+
+def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:
+    """Every other mechanism in the place of one term, the rest refitted; nearest first."""
+    rest = [t for i, t in enumerate(terms) if i != which]
+    whole = basis(library, noise, terms)
+    without = basis(library, noise, rest)
+    gain = max(without.rss - whole.rss, 1e-9)
+    others = shortlist_of(library.screen(without), {t.name for t in rest} | {terms[which].name})
+    out = []
+    for k, score in enumerate(others[:8]):
+        found = refine(library, without, score) if k < 4 else score
+        out.append(Rival(found.term.name, found.bic - whole.bic, found.gain / gain, found.term))
+    return sorted(out, key=lambda r: r.delta_bic)
+
+
+def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """The same terms with each that another mechanism beats in its place, now that others have gone, replaced by it."""
+    out = list(terms)
+    for i, term in enumerate(terms):
+        if term.name in ("unknown", "external_force"):
+            continue
+        rest = basis(library, noise, [t for k, t in enumerate(out) if k != i])
+        # The shape of the term itself was found beside others that have gone.
+        own = library.score(term, rest)
+        own = None if own is None else refine(library, rest, own)
+        gain = 0.0 if own is None else max(0.0, basis(library, noise, out).bic - own.bic)
+        rivals = [r for r in rivals_of(library, noise, out, i) if not _holds(r.term, term)]
+        if rivals and rivals[0].delta_bic < -_LIKELIER - gain:
+            out[i] = rivals[0].term
+        elif own is not None and gain > 0:
+            out[i] = own.term
+    return out
+
+
+def _holds(rival: Term, term: Term) -> bool:
+    """Whether a rival is the term itself and more: a whole presliding friction holds Coulomb's."""
+    return term.mechanism.id == "coulomb_friction" and dict(rival.shape).get("full") == 1.0

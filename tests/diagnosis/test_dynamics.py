@@ -1,0 +1,79 @@
+"""An axis that rings and a current that follows late: found without a name, with the right frequency and time."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.dynamics import Lagged, Ringing
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.models import AxisModel, as_json, axis_models
+from pido.diagnosis.select import Library
+from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import Term
+from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.whiten import Noise
+
+NOISE = 0.05
+STEP = 0.01
+INERTIA = next(m for m in CATALOGUE if m.id == "inertia")
+
+
+def part(k, rows=3000):
+    """x goes to and fro in ramps of its own."""
+    rng = np.random.default_rng(k)
+    v = np.convolve(np.repeat(rng.uniform(-12, 12, rows // 50), 50), np.ones(9) / 9, "same")
+    t = np.arange(rows) * STEP
+    columns = {"time": t, "v_x": v, "pos_x": np.cumsum(v) * STEP, "a_x": np.gradient(v, t)}
+    return Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)
+
+
+def found_in(effect):
+    """What the search without a name makes of an effect: state -> (n,), A, of size one, in white noise."""
+    states = axis_states([part(k) for k in range(3)], "x")
+    effects = [effect(s) for s in states]
+    size = np.std(np.concatenate(effects))
+    rng = np.random.default_rng(0)
+    mismatch = lay_out(states, [2 * NOISE / size * e + rng.normal(0, NOISE, len(e)) for e in effects])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    library = Library(mismatch, [Term(INERTIA)])
+    library.whiten(noise)
+    (term,), _ = with_unknown(library, noise, [], 0)
+    return term
+
+
+def test_an_axis_that_rings_after_each_change_of_speed():
+    w, zeta = 2 * np.pi * 6.0, 0.05
+    # The whole answer of the oscillator, drawn by the state equations and not by a filter.
+    system = signal.StateSpace([[0, 1], [-w * w, -2 * zeta * w]], [[0], [1]], [[w * w, 0]], [[0]])
+    term = found_in(lambda s: signal.lsim(system, s.a, s.time)[1] - s.a)
+    assert isinstance(term.mechanism, Ringing)
+    assert term.mechanism.signal == "a_x"
+    assert dict(term.shape)["f"] == pytest.approx(6.0, rel=0.01)
+    assert dict(term.shape)["zeta"] == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_current_that_follows_a_speed_late():
+    term = found_in(lambda s: signal.lsim(([1], [0.8, 1]), np.abs(s.v), s.time)[1])
+    assert isinstance(term.mechanism, Lagged)
+    assert (term.mechanism.signal, term.mechanism.form) == ("v_x", "|u|")
+    assert dict(term.shape)["tau"] == pytest.approx(0.8, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        Term(Ringing("a_x", "mm/s²"), (("f", 6.0), ("zeta", 0.05))),
+        Term(Lagged("v_x", "|u|", "mm/s"), (("tau", 0.8),)),
+    ],
+)
+def test_a_model_that_remembers_comes_back_from_its_file(term):
+    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2]),))
+    (state,) = axis_states([part(0)], "x")
+    again = axis_models(as_json({"x": model}))["x"]
+    assert again.terms == model.terms
+    expected = model.effect(np.zeros(len(state.time)), part(0), state)
+    assert again.effect(np.zeros(len(state.time)), part(0), state) == pytest.approx(expected)
+    assert np.std(expected) > 0
