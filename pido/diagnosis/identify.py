@@ -43,7 +43,7 @@ SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tri
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
 LEAST_EFFECT = 0.1  # of the noise level, rms where active: a smaller effect is of no use to anybody
 # The same for what no law stands behind: noise itself wanders as much, over seconds and around single frequencies.
-LEAST_NAMELESS = 0.3
+LEAST_NAMELESS = 0.4
 TIED_TO_TIME = frozenset({"unknown", "external_force", "thermal_drift"})
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term

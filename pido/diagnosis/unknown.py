@@ -375,8 +375,11 @@ def peaks(known: Mapping[str, tuple[Float1D, str]], centres: int = 24) -> list[t
 
 
 def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
-    """Curves over each signal and surfaces over each pair, knots at quantiles."""
-    known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n != "uptime"}
+    """Curves over each signal and surfaces over each pair, knots at quantiles.
+
+    None over a simulated current: it is a law of everything at once, and a curve over it fits what any law lacks.
+    """
+    known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n != "uptime" and n[:2] != "I_"}
     ready = {}
     for name, values in known.items():
         split = (name.split("_")[0] in _SIGNED and bool(values.min() < 0 < values.max())) or name.startswith("f_")
