@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.finding import Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, workpiece_area
@@ -72,9 +72,7 @@ def equation_text(term: Term, axis: str) -> str:
     return text
 
 
-def where_of(
-    states: Sequence[AxisState], term: Term, effect: Float1D, edges: Sequence[int], noise_level: float
-) -> Where:
+def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: Int1D, noise_level: float) -> Where:
     """Intervals per part, bins of M, NC blocks and the place on the workpiece where a term acts."""
     act = active(effect, noise_level)
     scores = score(effect, noise_level)

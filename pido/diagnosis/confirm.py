@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.finding import HeldOut
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, held_back, solve, solve_normal
@@ -138,10 +138,15 @@ def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> f
     block = mismatch.block if rows is None else mismatch.block[rows]
     gain = gain if rows is None else gain[rows]
     count = np.bincount(block)
-    sums = np.bincount(block, gain)[count > 0]
-    if len(sums) < 3 or np.ptp(sums) == 0:
+    return p_of_mean(np.bincount(block, gain)[count > 0])
+
+
+def p_of_mean(values: Array1D) -> float:
+    """One-sided p that the mean of independent values is positive (t test); 1 where they are too few to say."""
+    if len(values) < 3 or np.ptp(values) == 0:
         return 1.0
-    return float(stats.ttest_1samp(sums, 0.0, alternative="greater").pvalue)
+    _, p = np.asarray(stats.ttest_1samp(values, 0.0, alternative="greater"))
+    return float(p)
 
 
 def bootstrap(model: Whitened, unit: Int1D, rng: np.random.Generator, draws: int = _DRAWS) -> Float2D:
@@ -198,7 +203,7 @@ def _size(X: Float2D) -> Float1D:
 
 
 def _sums(rows: Float2D, block: Int1D) -> Float2D:
-    return np.array([np.bincount(block, r) for r in rows]).T
+    return np.array([np.bincount(block, r) for r in rows], float).T
 
 
 def _rms(x: Float1D) -> float:

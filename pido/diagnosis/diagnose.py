@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -166,10 +166,9 @@ def _each(
 ) -> dict[str, Result]:
     """What `work` makes of every axis; in several processes where that is worth starting them."""
     jobs = min(len(calls), os.cpu_count() or 1) if several else 1
-    if jobs == 1:
-        made = (work(*given) for given in calls.values())
-    else:
-        made = Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(*given) for given in calls.values())
+    made: Iterator[Any] = (work(*given) for given in calls.values())
+    if jobs > 1:
+        made = iter(Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(*given) for given in calls.values()))
     out: dict[str, Result] = {}
     for k, axis in enumerate(calls):
         tell(k, axis)

@@ -118,8 +118,8 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
         time = mismatch.states[p].time
         width = max(1, (j - i) // _BINS)
         bins = np.arange(j - i) // width
-        score = np.bincount(bins, residual[i:j] * unit[i:j])
-        weight = np.bincount(bins, unit[i:j] ** 2)
+        score = np.bincount(bins, residual[i:j] * unit[i:j]).astype(float)
+        weight = np.bincount(bins, unit[i:j] ** 2).astype(float)
         for _ in range(_MOST_PER_PART):
             best = _best_interval(score, weight)
             if best is None or best[2] < penalty:

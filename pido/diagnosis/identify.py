@@ -279,7 +279,8 @@ def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> Score
 def _tune(library: Library, current: Basis, rhythm: Rhythm, period: float) -> Score | None:
     """The wave with its period moved to where all parts agree; charged for every frequency that was looked at."""
     longest = max(float(s.time[-1] - s.time[0]) for s in library.mismatch.states)
-    span = library.mismatch.states[-1].clock[-1] - library.mismatch.states[0].clock[0] if rhythm.clock else longest
+    first, last = library.mismatch.states[0].clock, library.mismatch.states[-1].clock
+    span = last[-1] - first[0] if rhythm.clock and first is not None and last is not None else longest
     best: Score | None = None
     # Steps of a quarter wave over the whole span, as far as the resolution of one part leaves open.
     steps = int(np.clip(2 * span / longest, 4, 60))

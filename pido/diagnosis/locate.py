@@ -60,7 +60,9 @@ def intervals(part: str, time: Float1D, act: Bool1D, scores: Float1D) -> list[In
     ]
 
 
-def voxels(states: Sequence[AxisState], act: Sequence[Bool1D], velocity_xy: Sequence[tuple[Float1D, Float1D] | None]):
+def voxels(
+    states: Sequence[AxisState], act: Sequence[Bool1D], velocity_xy: Sequence[tuple[Float1D, Float1D] | None]
+) -> tuple[tuple[float, float, float], ...]:
     """Centres (v_x, v_y, AR) of the bins of M in which the effect is active most of the time, fullest first."""
     cells: dict[tuple[int, int, int], list[int]] = {}
     for state, a, v in zip(states, act, velocity_xy, strict=True):
@@ -76,7 +78,7 @@ def voxels(states: Sequence[AxisState], act: Sequence[Bool1D], velocity_xy: Sequ
             cell[0] += int(n)
             cell[1] += int(h)
     full = sorted((c for c, (n, h) in cells.items() if h > 0.5 * n and h >= 5), key=lambda c: -cells[c][1])
-    return tuple(tuple((i + 0.5) * w for i, w in zip(c, _VOXEL, strict=True)) for c in full[:20])
+    return tuple(((i + 0.5) * _VOXEL[0], (j + 0.5) * _VOXEL[1], (k + 0.5) * _VOXEL[2]) for i, j, k in full[:20])
 
 
 def nc_lines(states: Sequence[AxisState], act: Sequence[Bool1D]) -> tuple[int, ...]:

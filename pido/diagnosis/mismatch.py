@@ -60,6 +60,13 @@ class Mismatch:
         return len(self.target)
 
     @property
+    def simulated(self) -> Float1D:
+        """(n,), A – the simulated current, where one was given."""
+        if self.sim is None:
+            raise ValueError(f"axis {self.axis}: no simulated current was given, and nothing can be compared with it")
+        return self.sim
+
+    @property
     def parts(self) -> tuple[str, ...]:
         return tuple(s.part for s in self.states)
 

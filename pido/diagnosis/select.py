@@ -10,7 +10,7 @@ BIC (Chen and Chen 2008) charges a mechanism for the number of shapes that were 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -286,7 +286,7 @@ def suggested(library: Library, current: Basis, residual: Float1D, taken: set[st
     return out
 
 
-def best_addition(library: Library, current: Basis, taken: set[str], more: Sequence[Score] = ()) -> Score | None:
+def best_addition(library: Library, current: Basis, taken: Collection[str], more: Sequence[Score] = ()) -> Score | None:
     """The mechanism that lowers the BIC most, its shape refined; among near ties the simplest."""
     shortlist = shortlist_of([*library.screen(current), *more], taken)
     if not shortlist:
@@ -295,7 +295,7 @@ def best_addition(library: Library, current: Basis, taken: set[str], more: Seque
     return simplest(refined)
 
 
-def shortlist_of(scores: Sequence[Score], taken: set[str]) -> list[Score]:
+def shortlist_of(scores: Sequence[Score], taken: Collection[str]) -> list[Score]:
     """The best shape of each mechanism that is not taken, best first."""
     best: dict[str, Score] = {}
     for s in scores:

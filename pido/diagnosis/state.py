@@ -298,15 +298,16 @@ def _teeth_in_cut(
     width = _operation(recording, "a_e")
     if ar is not None and depth is not None:
         width = np.where(depth > 0, ar / np.where(depth > 0, depth, 1.0), np.nan if width is None else width)
-    about = {k: t for k, t in recording.part.tools.items() if t.diameter_mm is not None}
+    about = {k: (t.diameter_mm, t.teeth or 1) for k, t in recording.part.tools.items() if t.diameter_mm is not None}
     if width is None or tool is None or not about:
         return None
     out = np.full(len(tool), np.nan)
     for key in dict.fromkeys(tool):
         known = about.get(str(key))
         if known is not None:
-            cosine = 1.0 - 2.0 * np.clip(width[tool == key] / known.diameter_mm, 0.0, 1.0)
-            out[tool == key] = (known.teeth or 1) * np.arccos(cosine) / (2.0 * np.pi)
+            diameter, teeth = known
+            cosine = 1.0 - 2.0 * np.clip(width[tool == key] / diameter, 0.0, 1.0)
+            out[tool == key] = teeth * np.arccos(cosine) / (2.0 * np.pi)
     return out
 
 

@@ -16,10 +16,13 @@ import numpy as np
 from pido.core.arrays import Float1D
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import shifted
+from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 
 _LONGEST_S = 0.5
 _LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
+
+Pair = tuple[float, float]  # offset in s and drift in s/s, or their standard deviations
 
 
 @dataclass(frozen=True)
@@ -65,13 +68,13 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
 
 def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:
     """The same axis compared with the simulation at the right time."""
-    assert mismatch.sim is not None
-    moved = _shifted(mismatch, (delay.offset, delay.drift))
-    target = np.where(mismatch.usable, mismatch.target + mismatch.sim - moved, 0.0)
-    return replace(mismatch, target=target)
+    return replace(mismatch, target=_compared(mismatch, _shifted(mismatch, (delay.offset, delay.drift))))
 
 
-def _steady(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], start: tuple[float, float], before):
+def _steady(
+    axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], start: Pair, before: Mapping[str, float]
+) -> tuple[Pair, Pair]:
+    """The best delay that does not drift, and its standard deviation."""
     best, sd = (start[0], 0.0), (0.0, 0.0)
     span = max(float(s.time[-1]) for m in axes.values() for s in m.states)
     best = max(
@@ -82,7 +85,9 @@ def _steady(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], start: tu
     return best, sd
 
 
-def _step(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], at: tuple[float, float], drifting: bool, before):
+def _step(
+    axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], at: Pair, drifting: bool, before: Mapping[str, float]
+) -> tuple[Pair, Pair]:
     """One Gauss-Newton step, halved until it helps."""
     gram, inner = np.zeros((2, 2)), np.zeros(2)
     for a, m in axes.items():
@@ -90,7 +95,7 @@ def _step(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], at: tuple[f
         slope = np.concatenate([np.gradient(moved[i:j], s.time) for s, i, j in _parts(m)])
         time = np.concatenate([s.time for s in m.states])
         rows = noises[a].whiten(np.where(m.usable, np.nan_to_num([slope, slope * time]), 0.0))
-        y = noises[a].whiten(np.where(m.usable, m.target + m.sim - moved, 0.0)[None])[0]
+        y = noises[a].whiten(_compared(m, moved)[None])[0]
         gram += rows @ rows.T
         inner -= rows @ y
     if not drifting:
@@ -106,26 +111,31 @@ def _step(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], at: tuple[f
     return at, (float(sd[0]), float(sd[1]) if drifting else 0.0)
 
 
-def _gains(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], before: Mapping[str, float], delay):
+def _gains(
+    axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], before: Mapping[str, float], delay: Pair
+) -> dict[str, float]:
     return {
         a: int(noises[a].valid.sum()) * float(np.log(before[a] / _rss(m, noises[a], delay))) for a, m in axes.items()
     }
 
 
-def _rss(mismatch: Mismatch, noise: Noise, delay: tuple[float, float]) -> float:
-    assert mismatch.sim is not None
-    y = np.where(mismatch.usable, mismatch.target + mismatch.sim - _shifted(mismatch, delay), 0.0)
-    white = noise.whiten(y[None])[0]
+def _rss(mismatch: Mismatch, noise: Noise, delay: Pair) -> float:
+    white = noise.whiten(_compared(mismatch, _shifted(mismatch, delay))[None])[0]
     return max(float(white @ white), 1e-30)
 
 
-def _shifted(mismatch: Mismatch, delay: tuple[float, float]) -> Float1D:
-    assert mismatch.sim is not None
+def _compared(mismatch: Mismatch, moved: Float1D) -> Float1D:
+    """(n,), A – the target as it is when the simulated current is `moved`."""
+    return np.where(mismatch.usable, mismatch.target + mismatch.simulated - moved, 0.0)
+
+
+def _shifted(mismatch: Mismatch, delay: Pair) -> Float1D:
+    sim = mismatch.simulated
     if not any(delay):
-        return mismatch.sim
-    return np.concatenate([shifted(s.time, mismatch.sim[i:j], delay) for s, i, j in _parts(mismatch)])
+        return sim
+    return np.concatenate([shifted(s.time, sim[i:j], delay) for s, i, j in _parts(mismatch)])
 
 
-def _parts(mismatch: Mismatch) -> Sequence[tuple]:
+def _parts(mismatch: Mismatch) -> Sequence[tuple[AxisState, int, int]]:
     edges = mismatch.edges
     return [(s, int(i), int(j)) for s, i, j in zip(mismatch.states, edges[:-1], edges[1:], strict=True)]

@@ -15,18 +15,23 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import stats
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
+from pido.diagnosis.confirm import p_of_mean
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 
 _TREES: dict[str, Any] = dict(
-    max_iter=30, learning_rate=0.25, max_leaf_nodes=10, min_samples_leaf=30, l2_regularization=5.0
+    max_iter=30,
+    learning_rate=0.25,
+    max_leaf_nodes=10,
+    min_samples_leaf=30,
+    l2_regularization=5.0,
+    early_stopping=False,
 )
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
 _MOST_ROWS = 8_000
@@ -128,14 +133,13 @@ def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) ->
     top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)
     for k in np.unique(fold):
         learn = fold != k
-        trees = HistGradientBoostingRegressor(random_state=seed, early_stopping=False, **_TREES)
+        trees = HistGradientBoostingRegressor(random_state=seed, **_TREES)
         trees.fit(features[learn], np.clip(y[learn], -top, top))
         prediction[~learn] = trees.predict(features[~learn])
     gain = y**2 - (y - prediction) ** 2
     block = mismatch.block[few.rows]
     count = np.bincount(block)
-    sums = np.bincount(block, gain * few.weights)[count > 0]
-    p = float(stats.ttest_1samp(sums, 0.0, alternative="greater").pvalue) if len(sums) > 2 and np.ptp(sums) else 1.0
+    p = p_of_mean(np.bincount(block, gain * few.weights)[count > 0])
     total = float(np.mean(y**2)) or 1.0
     return Structure(float(np.mean(gain)), float(np.mean(gain)) / total, p)
 
@@ -166,7 +170,7 @@ def flexible_rest(
     fold = mismatch.block[rows] % 3
     prediction = np.zeros(len(rows))
     for k in np.unique(fold):
-        trees = HistGradientBoostingRegressor(random_state=seed, early_stopping=False, **_TREES)
+        trees = HistGradientBoostingRegressor(random_state=seed, **_TREES)
         trees.fit(features[fold != k], np.clip(y[fold != k], -top, top))
         prediction[fold == k] = trees.predict(features[fold == k])
     power = float(prediction @ prediction)

@@ -216,8 +216,8 @@ def _quantities(term: Term) -> frozenset[str]:
             return frozenset()
 
 
-def _explained(mismatch: Mismatch, terms: Sequence[Term], amplitudes) -> float:
+def _explained(mismatch: Mismatch, terms: Sequence[Term], amplitudes: Sequence[Float1D]) -> float:
     if not terms:
         return 0.0
-    effect = sum(a @ t.columns(mismatch.states) for t, a in zip(terms, amplitudes, strict=True))
+    effect = np.sum([a @ t.columns(mismatch.states) for t, a in zip(terms, amplitudes, strict=True)], axis=0)
     return float(np.mean(effect[mismatch.usable] ** 2))

@@ -15,7 +15,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.signal import lfilter
 
-from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
+from pido.core.arrays import Array2D, Bool1D, Float1D, Int1D
 
 MAD_TO_SD = 1.4826022185056018  # of a normal distribution
 HUBER = 6.0  # whitened residuals beyond this many sd are spikes, not noise: they are limited to it
@@ -43,7 +43,7 @@ class Noise:
     innovation: float
     valid: Bool1D
 
-    def whiten(self, rows: Float2D) -> Float2D:
+    def whiten(self, rows: Array2D) -> Array2D:
         """(k, n) -> (k, n) with unit, independent errors; rows that have no full past become zero; float32 stays."""
         kind = np.float32 if rows.dtype == np.float32 else float
         scaled = rows / self.level.astype(kind, copy=False)
@@ -71,7 +71,7 @@ class Averaged(Noise):
     first: Int1D
     counted: Bool1D
 
-    def whiten(self, rows: Float2D) -> Float2D:
+    def whiten(self, rows: Array2D) -> Array2D:
         """(k, n) -> (k, n): averages with independent errors of unit variance, zero in all rows but the first."""
         kind = np.float32 if rows.dtype == np.float32 else float
         scaled = rows * (self.counted / self.level).astype(kind)
@@ -116,7 +116,7 @@ def impulse_response(ar: Float1D, longest: int) -> Float1D:
     """(m,) – what one unit innovation becomes, until it has died away."""
     unit = np.zeros(longest)
     unit[0] = 1.0
-    return lfilter([1.0], np.r_[1.0, -ar], unit)
+    return np.asarray(lfilter([1.0], np.r_[1.0, -ar], unit))
 
 
 def estimate_noise(
@@ -209,7 +209,7 @@ def _least_bic(gamma: Float1D, n: int, highest_order: int) -> tuple[Float1D, flo
     """AR coefficients and innovation sd of the order that BIC prefers, from autocovariances."""
     best = (n * np.log(gamma[0]), np.zeros(0), gamma[0])
     for p in range(1, min(highest_order, len(gamma) - 1) + 1):
-        phi = solve_toeplitz(gamma[:p], gamma[1 : p + 1])
+        phi = np.asarray(solve_toeplitz(gamma[:p], gamma[1 : p + 1]), float)
         variance = gamma[0] - phi @ gamma[1 : p + 1]
         if variance <= 1e-9 * gamma[0]:
             break
