@@ -25,7 +25,7 @@ from pido.core.samples import PIA, PIE, Samples
 from pido.equations.choose import PAPER_CHOICE, fit_chosen
 from pido.experiments.cells import Cell, reduced
 from pido.feature_space.density import balance, occupancy, relevant_bins
-from pido.models.axis_models import AxisModels, quick_trainer
+from pido.models.axis_models import AxisModels, Trained, quick_trainer
 from pido.models.estimators import EstimatorFactory, extra_trees
 from pido.models.inputs import InputKind, model_inputs
 from pido.sampling.method import PAPER_METHOD, Adaptation, Method, adapt, balance_for
@@ -62,12 +62,13 @@ def tell(
     estimators: str = "default",
 ) -> Told:  # fmt: skip
     """Train every wanted variant on the cell and let it predict the test set."""
-    told = Told()
+    told, trained = Told(), Trained(len(AXES) * len(PRINTED))
     choice: Any = estimators if trees == 30 else dict.fromkeys(AXES, _small(trees))
     if set(wanted) & set(PRINTED):
-        _printed(cell, machine, wanted, seed, choice, told)
+        _printed(cell, machine, wanted, seed, choice, told, trained)
     if set(wanted) & {*DELIVERED, *OTHERS}:
-        _delivered(cell, machine, wanted, memory, seed, choice, told, _GP_ROWS if trees >= 30 else _GP_ROWS // 3)
+        gp_rows = _GP_ROWS if trees >= 30 else _GP_ROWS // 3
+        _delivered(cell, machine, wanted, memory, seed, choice, told, trained, gp_rows)
     return told
 
 
@@ -87,14 +88,18 @@ def _small(trees: int) -> EstimatorFactory:
 
 
 def _model(
-    real: Samples, extra: Samples, weights: Float2D, test: Samples, choice: Any, inputs: InputKind, seed: int
-) -> Float2D:
+    real: Samples, extra: Samples, weights: Float2D, test: Samples, choice: Any, inputs: InputKind, seed: int,
+    trained: Trained,
+) -> Float2D:  # fmt: skip
+    """Predictions of models with the extra rows; an axis for which none was let through is not trained again."""
     rows = Samples.concat([real, extra]) if len(extra) else real
     omega = np.vstack([np.ones((len(real), 4)), weights]) if len(extra) else None
-    return AxisModels.fit(rows, omega, choice=choice, inputs=inputs, seed=seed).predict(test)
+    return AxisModels.fit(rows, omega, choice=choice, inputs=inputs, seed=seed, trained=trained).predict(test)
 
 
-def _printed(cell: Cell, machine: Machine, wanted: Sequence[str], seed: int, choice: Any, told: Told) -> None:
+def _printed(
+    cell: Cell, machine: Machine, wanted: Sequence[str], seed: int, choice: Any, told: Told, trained: Trained
+) -> None:
     method, rng = PAPER_METHOD, np.random.default_rng(seed)
     real = reduced(cell.train, method.share.density, rng, method.grid)
     made = balance_for(_path(cell.test), real, machine, method, rng=rng)
@@ -107,7 +112,8 @@ def _printed(cell: Cell, machine: Machine, wanted: Sequence[str], seed: int, cho
         keep = np.isin(made.generated.origin, origins)
         extra = made.generated.take(keep)
         model_seed = seed + 1 if name.endswith("other seed") else seed
-        told.predicted[name] = _model(real, extra, made.weights[keep], cell.test, choice, "paper", model_seed)
+        weights = made.weights[keep]
+        told.predicted[name] = _model(real, extra, weights, cell.test, choice, "paper", model_seed, trained)
         told.rows[name] = len(extra)
         both = np.vstack([real.reduced, extra.reduced])
         told.even[name] = balance(both, needed, method.grid)
@@ -115,7 +121,7 @@ def _printed(cell: Cell, machine: Machine, wanted: Sequence[str], seed: int, cho
 
 def _delivered(
     cell: Cell, machine: Machine, wanted: Sequence[str], memory: Memory, seed: int, choice: Any, told: Told,
-    gp_rows: int,
+    trained: Trained, gp_rows: int,
 ) -> None:  # fmt: skip
     method, real, test = Method(), cell.train, cell.test
     needed = relevant_bins(test.reduced, method.grid)
@@ -125,11 +131,12 @@ def _delivered(
         told.predicted[name], told.rows[name] = predicted, len(extra)
         told.even[name] = balance(np.vstack([real.reduced, extra.reduced]), needed, method.grid)
 
-    models = AxisModels.fit(real, choice=choice, inputs="extended", seed=seed)
+    models = AxisModels.fit(real, choice=choice, inputs="extended", seed=seed, trained=trained)
     plain = models.predict(test)
     note("real + direction", plain)
     if "real + direction, other seed" in wanted:
-        note("real + direction, other seed", _model(real, nothing, none, test, choice, "extended", seed + 1))
+        other = _model(real, nothing, none, test, choice, "extended", seed + 1, trained)
+        note("real + direction, other seed", other)
     adapted: Adaptation | None = None
     by_equation = bool(set(wanted) & {"equation alone", "forest on residual", "GP on residual"})
     if by_equation or "PiDO" in wanted:
@@ -140,15 +147,13 @@ def _delivered(
             train=lambda rows, weights: models.predict,  # these rows, with weight 1 each: trained above
         )  # fmt: skip
         extra = made.generated
-        # no row for any axis: the same model
-        own = _model(real, extra, made.weights, test, choice, "extended", seed) if len(extra) else plain
-        note("PiDO", own, extra)
+        note("PiDO", _model(real, extra, made.weights, test, choice, "extended", seed, trained), extra)
     n_real = occupancy(real.reduced, method.grid).count_in(needed)
     number = ShareRule().wanted(n_real, np.random.default_rng(seed))[1]
     for name, make in ROW_RIVALS.items():
         if name in wanted:
             extra = make(real, needed, number, method.grid, np.random.default_rng(seed))
-            note(name, _model(real, extra, np.ones((len(extra), 4)), test, choice, "extended", seed), extra)
+            note(name, _model(real, extra, np.ones((len(extra), 4)), test, choice, "extended", seed, trained), extra)
     if "DenseWeight" in wanted:
         weights = dense_weights(real.currents)
         note("DenseWeight", AxisModels.fit(real, weights, choice=choice, seed=seed).predict(test))
@@ -160,7 +165,7 @@ def _delivered(
         if "equation alone" in wanted:
             note("equation alone", said)
         if "forest on residual" in wanted:
-            note("forest on residual", said + _model(left, nothing, none, test, choice, "extended", seed))
+            note("forest on residual", said + _model(left, nothing, none, test, choice, "extended", seed, trained))
         if "GP on residual" in wanted:
             note("GP on residual", said + _gaussian_process(left, test, gp_rows, np.random.default_rng(seed)))
 

@@ -49,7 +49,8 @@ class Trained:
             what.update(repr(values.shape).encode() + np.ascontiguousarray(values).tobytes())
         key = what.hexdigest()
         if key not in self._models:
-            self._models[key] = model.fit(columns, current, sample_weight=weight)
+            # weights of one are no weights: the same model, without a look at each of them in every node
+            self._models[key] = model.fit(columns, current, sample_weight=None if (weight == 1).all() else weight)
         self._models.move_to_end(key)
         while len(self._models) > self._most:
             self._models.popitem(last=False)

@@ -11,8 +11,9 @@ Out: generated rows with weights, the report, and the equations they came from.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -79,12 +80,20 @@ class Adaptation:
 
 @dataclass(frozen=True, eq=False)
 class Balanced:
-    """Generated rows, their weights (n, 4) beside real rows of weight omega_data, the report, the equations."""
+    """Generated rows, their weights (n, 4) beside real rows of weight omega_data, the report.
+
+    fitted : fits the equations; rows of a trusted path do without, and fits may take longer than all else
+    """
 
     generated: Samples
     weights: Float2D
     report: Report
-    equations: AxisEquations
+    fitted: Callable[[], AxisEquations]
+
+    @cached_property
+    def equations(self) -> AxisEquations:
+        """Fitted when first asked for."""
+        return self.fitted()
 
 
 def adapt(
@@ -145,17 +154,17 @@ def balance_for(
         raise FitError("there are no real samples yet: the method balances what has been recorded, add a part first.")
     adaptation = adaptation or Adaptation(PAPER_CHOICE, None, (method.share,) * 4, {}, len(real))
     path = replace(path, currents=np.full((len(path), 4), np.nan))
-    equations = fit_chosen(
-        real, _equation_bins(path, method), machine, adaptation.choice,
+    fitted = partial(
+        fit_chosen, real, _equation_bins(path, method), machine, adaptation.choice,
         grid=method.equation_grid, coverage=method.grid, blend=method.adaptive,
     )  # fmt: skip
     if adaptation.trust is not None and train is not None:
-        return _trusted(path, real, machine, equations, method, adaptation.trust, train, rng)
-    return _balanced(path, real, equations, method, adaptation, rng, forces)
+        return _trusted(path, real, machine, fitted, method, adaptation.trust, train, rng)
+    return _balanced(path, real, fitted(), method, adaptation, rng, forces)
 
 
 def _trusted(
-    path: Samples, real: Samples, machine: Machine, equations: AxisEquations, method: Method, trust: Trust,
+    path: Samples, real: Samples, machine: Machine, fitted: Callable[[], AxisEquations], method: Method, trust: Trust,
     train: Train, rng: np.random.Generator,
 ) -> Balanced:  # fmt: skip
     """Rows of the coming path itself, up to the target density per bin, with currents as far as the equation is
@@ -183,7 +192,7 @@ def _trusted(
     n_real = occupancy(real.reduced, method.grid).count_in(needed)
     report = Report(needed, n_real, none, asked, none, occupancy_of(generated, PIE, needed), refused)
     log.info("%s", report.summary())
-    return Balanced(generated, np.full((len(generated), 4), method.omega_generated), report, equations)
+    return Balanced(generated, np.full((len(generated), 4), method.omega_generated), report, fitted)
 
 
 def _balanced(
@@ -212,7 +221,7 @@ def _balanced(
         typical = np.nan_to_num(adaptation.model_error.rmse()[1], nan=1.0, posinf=1.0)
         weights = certainty_weights(generated.origin, generated.expected_error, typical, method.omega_generated)
     report = reports[0] if len(reports) == 1 else _joined(reports)
-    return Balanced(generated, weights, report, equations)
+    return Balanced(generated, weights, report, lambda: equations)
 
 
 def _equation_bins(path: Samples, method: Method) -> Int1D:
