@@ -8,6 +8,7 @@ Workman, Digital Control of Dynamic Systems, ch. 6).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -81,11 +82,15 @@ class Ringing(Mechanism):
 
 @dataclass(frozen=True)
 class Lagged(Mechanism):
-    """A quantity that acts late, and what of it acts at once: dI = k_l * p(u) / (1 + tau s) + k * p(u)."""
+    """A quantity that acts late, and what of it acts at once: dI = k_l * p(u) / (1 + tau s) + k * p(u).
+
+    by_cut : with coefficients of their own while the tool cuts
+    """
 
     signal: str
     form: str
     unit: str
+    by_cut: bool = False
 
     id: ClassVar[str] = "unknown"
     kind: ClassVar[Any] = "unexplained"
@@ -95,18 +100,23 @@ class Lagged(Mechanism):
     @property
     def equation(self) -> str:  # type: ignore[override]
         u = self.form.replace("u", self.signal)
-        return f"dI = k_l * {u} / (1 + tau s) + k * {u}"
+        return f"dI = k_l * {u} / (1 + tau s) + k * {u}" + ", others while cutting" * self.by_cut
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        return Parameter("k_l", f"A/({self.unit})"), Parameter("k", f"A/({self.unit})")
+        names = ("k_l", "k", "k_l_cut", "k_cut") if self.by_cut else ("k_l", "k")
+        return tuple(Parameter(name, f"A/({self.unit})") for name in names)
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = FORMS[self.form](signals(state, [self.signal])[self.signal][0])
         dt = float(np.median(np.diff(state.time))) if len(u) > 1 else 0.0
         if dt <= 0:
-            return np.zeros((len(u), 2))
-        return np.column_stack([_filtered([1.0], [shape["tau"], 1.0], u - u[0], dt) + u[0], u])
+            return np.zeros((len(u), len(self.amplitudes)))
+        values = np.column_stack([_filtered([1.0], [shape["tau"], 1.0], u - u[0], dt) + u[0], u])
+        if not self.by_cut:
+            return values
+        cut = np.zeros((len(u), 1), bool) if state.engaged is None else state.engaged[:, None]
+        return np.column_stack([values * ~cut, values * cut])
 
     def applies(self, states: Sequence[AxisState]) -> str | None:
         return None
@@ -132,8 +142,10 @@ def remembering(mismatch: Mismatch, residual: Float1D) -> list[Term]:
                 for f in _answers(mismatch, residual, known[name][0])
                 for zeta in _DAMPING
             ]
-    for name, form in _late(known, axis):
-        terms += [Term(Lagged(name, form, known[name][1]), (("tau", tau),)) for tau in _TIMES_S]
+    engaged = [s.engaged for s in mismatch.states]
+    cuts = all(e is not None and e.any() and not e.all() for e in engaged)
+    for (name, form), by_cut in itertools.product(_late(known, axis), (False, True) if cuts else (False,)):
+        terms += [Term(Lagged(name, form, known[name][1], by_cut), (("tau", tau),)) for tau in _TIMES_S]
     return terms
 
 

@@ -157,8 +157,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
-        case Lagged(signal=signal, form=form, unit=unit):
-            own |= {"lags": signal, "form": form, "unit": unit}
+        case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut):
+            own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut}
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -204,7 +204,7 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "rings" in own:
         return Ringing(str(own["rings"]), str(own["unit"]))
     if "lags" in own:
-        return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]))
+        return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]))
     if "variables" in own:
         knots = tuple(tuple(float(k) for k in ks) for ks in own["knots"])
         return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.dynamics import Lagged, Ringing, remembering
-from pido.diagnosis.identify import less_error
+from pido.diagnosis.identify import less_error, plain_error
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.terms import Term, fit
@@ -70,7 +70,8 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             likelier = tried.bic + _CHARGE < best.bic - margin and more
             # A form that is smooth where a sign is sharp fits the transients of a filtered current better than the law
             # itself: the plain error has to be smaller as well, and not only the quick part of it.
-            if likelier and less_error(mismatch, trial, best_terms, _LESS_ERROR):
+            plainly = likelier and less_error(mismatch, trial, best_terms, _LESS_ERROR)
+            if plainly or _says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, replace(tried, searched=tried.searched + _CHARGE)
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)
@@ -83,6 +84,13 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             "and neither a mechanism nor a formula or curve describes it."
         )
     return best_terms, None
+
+
+def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
+    """Whether at least two terms fewer, with no more numbers, leave less error on unseen folds."""
+    numbers = [sum(len(t.mechanism.amplitudes) + t.free for t in terms) for terms in (few, many)]
+    fewer = len(few) <= len(many) - 2 and numbers[0] <= numbers[1]
+    return fewer and plain_error(mismatch, few) < plain_error(mismatch, many)
 
 
 def _share_asked(unnamed: Term, beside: bool) -> float:
