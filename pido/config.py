@@ -211,8 +211,8 @@ class MethodSettings(_Settings):
     """How samples are generated and models trained. `MethodSettings()` adapts, `paper()` is as printed.
 
     With `adaptive` and `compare_with_model`, arrivals of parts are played and rows are taken from the coming path up to
-    `density` per bin (`pido.sampling.trust`); share rules, leverage_quantile, margin, nuisance and weigh_by_certainty
-    are for the other cases.
+    `density` per bin, or as many and in bins as wide as has proven better for an axis (`pido.sampling.trust`); share
+    rules, leverage_quantile, margin, nuisance and weigh_by_certainty are for the other cases.
     """
 
     adaptive: bool = Field(default=True, description="terms, weights and trust per axis from held-out rows")

@@ -225,7 +225,11 @@ def words(adaptation: Adaptation) -> dict[str, str]:
     if adaptation.trust is None:
         rows = [f"{rule.pia.__name__}, {rule.pie.__name__}" for rule in adaptation.shares]
     else:
-        rows = ["none" if terms is None else f"by '{terms.id}'" for terms in adaptation.trust.terms]
+        trust = adaptation.trust
+        rows = [
+            "none" if terms is None else f"by '{terms.id}', {spacing}"
+            for terms, spacing in zip(trust.terms, trust.spacing, strict=True)
+        ]
     return {axis: f"{near}; rows: {what}" for axis, near, what in zip(AXES, adaptation.choice.near, rows, strict=True)}
 
 

@@ -26,7 +26,7 @@ from pido.feature_space.grid import Grid
 from pido.feature_space.regional import HeldOut
 from pido.sampling.method import Adaptation
 from pido.sampling.shares import SHARES, ShareRule
-from pido.sampling.trust import Trust
+from pido.sampling.trust import Spacing, Trust
 
 Extras = Sequence[tuple[ExtraTerm, int]]
 _VALUES = (
@@ -40,6 +40,7 @@ _VALUES = (
     Grid,
     HeldOut,
     ShareRule,
+    Spacing,
     Trust,
 )
 _CLASSES: dict[str, Any] = {c.__name__: c for c in _VALUES}

@@ -5,7 +5,8 @@ Out: generated rows with weights, the report, and the equations they came from.
 
 `paper`    everything as printed: 17 terms, table 2, eq. 15 and 16, no gate
 `adaptive` terms, width and reach of the weights per axis from held-out rows; a gate; and, with a model at hand, per
-           axis and region how far the equation's word is followed, from plays of an arrival, or not at all
+           axis and region how far the equation's word is followed and how densely, from plays of an arrival, or not
+           at all
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.optimise import Report, occupancy_of, optimise
 from pido.sampling.shares import ShareRule, fill, nothing
-from pido.sampling.trust import LEVELS, Train, Trust, currents, learn, pick
+from pido.sampling.trust import LEVELS, Train, Trust, currents, learn, taken
 
 log = logging.getLogger(__name__)
 
@@ -121,7 +122,10 @@ def adapt(
     start = Adaptation(choice, model_error, (method.share,) * 4, {}, len(real))
     if train is None or not method.gate.compare:
         return start
-    trust = learn(real, machine, train, extended, omega=method.omega_data)
+    trust = learn(
+        real, machine, train, extended, omega=method.omega_data, generated=method.omega_generated,
+        grid=method.grid, density=method.share.density,
+    )  # fmt: skip
     to_density, none = (replace(method.share, pia=nothing, pie=rule) for rule in (fill, nothing))
     shares = tuple(none if terms is None else to_density for terms in trust.terms)
     return replace(start, shares=shares, gain={"trusted": trust.gain}, trust=trust)
@@ -169,8 +173,10 @@ def _trusted(
 ) -> Balanced:  # fmt: skip
     """Rows of the coming path itself, up to the target density per bin, with currents as far as the equation is
     trusted there. Where it is not, the model learns nothing new."""
-    needed, voxel = relevant_bins(path.reduced, method.grid), method.grid.ids(path.reduced)
-    rows = path.take(pick(path, voxel, method.share.density, rng)) if trust.any else path.take(slice(0, 0))
+    needed = relevant_bins(path.reduced, method.grid)
+    asks = taken(path, method.grid, trust.spacing, rng)
+    some = asks[:, [i for i, terms in enumerate(trust.terms) if terms is not None]].any(axis=1)
+    rows, asks = path.take(some), asks[some]
     n = len(rows)
     rows = replace(
         rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64), origin=np.full(n, PIE, np.int64),
@@ -183,12 +189,12 @@ def _trusted(
         verdict[np.isnan(said)] = WORSE_THAN_MODEL
         verdict[where == len(LEVELS)] = NO_SUPPORT
         verdict[np.abs(said) > most] = BEYOND_DRIVE
-        passed = verdict == PASSED
+        passed = (verdict == PASSED) & asks
         rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))
-    generated = rows.take((verdict == PASSED).any(axis=1))
+    generated = rows.take(((verdict == PASSED) & asks).any(axis=1))
     asked = np.bincount(locate(needed, rows.voxel)[1], minlength=len(needed)) if n else np.zeros_like(needed)
     none = np.zeros_like(needed)
-    refused = np.stack([(verdict == reason).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
+    refused = np.stack([((verdict == reason) & asks).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
     n_real = occupancy(real.reduced, method.grid).count_in(needed)
     report = Report(needed, n_real, none, asked, none, occupancy_of(generated, PIE, needed), refused)
     log.info("%s", report.summary())

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from pido.config import MethodSettings, machine
 from pido.core.columns import INPUTS
 from pido.core.errors import FitError
-from pido.core.samples import PIA, PIE, Samples
+from pido.core.samples import PIA, PIE, REAL, Samples
 from pido.equations.choose import PAPER_CHOICE, fit_chosen
 from pido.equations.terms import FRICTION, HELD
 from pido.feature_space.density import balance, occupancy, relevant_bins
-from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, touched
+from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid, touched
 from pido.feature_space.regional import HeldOut, folds, sectors
 from pido.files.equations import dump, load
 from pido.models.axis_models import AxisModels, quick_trainer
@@ -22,7 +22,7 @@ from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.method import Adaptation, adapt, balance_for
 from pido.sampling.optimise import optimise
 from pido.sampling.shares import ShareRule, fill, nothing, paper_pia, paper_pie
-from pido.sampling.trust import Trust, learn
+from pido.sampling.trust import Spacing, Trust, learn, taken
 
 MILL = machine("smart_mill")
 V_X, V_Y, MRR = (INPUTS.index(n) for n in ("v_x", "v_y", "mrr_sim"))
@@ -265,20 +265,17 @@ def test_the_adaptive_method_does_no_harm_where_samples_are_few():
 
 def test_rows_of_a_coming_part_help_where_few_samples_show_what_friction_and_load_do():
     method = MethodSettings().build()
-    real, truth = (
-        replace(
-            part, currents=part.currents + 0.3 * part.inputs[:, [0, 1, 0, 1]]
-        )  # a viscous drag that trees step through
-        for part in (milling(160), milling(1500, 9))
-    )
+    real, truth = viscous(160), viscous(1500, 9)
     found = adapt(real, MILL, method, train=quick_trainer(), choice=PAPER_CHOICE)
     path = replace(truth, currents=np.full_like(truth.currents, np.nan))
     made = balance_for(path, real, MILL, method, found, rng=np.random.default_rng(2), train=quick_trainer())
     rows, report = made.generated, made.report
     assert len(rows)
     assert (rows.origin == PIE).all()
-    assert (occupancy(rows.reduced, SAMPLING_GRID).count <= method.share.density).all()
     known = np.isfinite(rows.currents)
+    for axis, spacing in enumerate(found.trust.spacing):
+        own = occupancy(rows.take(known[:, axis]).reduced, spacing.grid(SAMPLING_GRID))
+        assert (own.count <= spacing.density).all()
     assert (rows.expected_error[known] > 0).all()
     assert report.pie.sum() == len(rows)
     weights = np.vstack([np.ones((len(real), 4)), made.weights])
@@ -287,6 +284,49 @@ def test_rows_of_a_coming_part_help_where_few_samples_show_what_friction_and_loa
     better = np.sqrt(np.mean(helped**2, axis=0) / np.mean(alone**2, axis=0))
     assert better.min() < 0.9
     assert better.max() < 1.03
+
+
+@pytest.mark.parametrize(("density", "width"), [(3.0, 1.0), (12.0, 0.5), (5.0, 2.0)])
+def test_each_axis_takes_no_more_rows_of_a_path_than_its_own_bins_may_hold(density, width):
+    path = milling(700)
+    spacing = (Spacing(density, width), Spacing(), Spacing(4 * density, width), Spacing(1e6))
+    take = taken(path, SAMPLING_GRID, spacing, np.random.default_rng(0))
+    bins = Grid(tuple(width * w for w in SAMPLING_GRID.width)).ids(path.reduced)
+    every = np.unique(bins, return_counts=True)[1]
+    assert np.unique(bins[take[:, 0]], return_counts=True)[1].tolist() == np.minimum(every, density).tolist()
+    assert (take[:, 0] <= take[:, 2]).all()  # more rows of the same bins: those, and others
+    assert take[:, 3].all()
+
+
+def viscous(n: int, seed: int = 0) -> Samples:
+    """Parts with a viscous drag that trees step through and equations know."""
+    part = milling(n, seed)
+    return replace(part, currents=part.currents + 0.3 * part.inputs[:, [0, 1, 0, 1]])
+
+
+def test_rows_are_taken_more_densely_where_models_learn_more_from_more_of_them():
+    found = learn(viscous(400), MILL, quick_trainer(), density=0.5)
+    assert found.any
+    assert all(
+        one.density > 0.5 or one.width < 1 for one, terms in zip(found.spacing, found.terms, strict=True) if terms
+    )
+
+
+def test_the_plain_spacing_stays_where_no_other_is_better():
+    found = learn(viscous(400), MILL, quick_trainer(), density=1e6)  # all rows of a path, however fine the bins
+    assert found.any
+    assert found.spacing == (Spacing(1e6),) * 4
+
+
+def test_no_row_is_generated_for_models_that_gain_nothing_by_it():
+    quick = quick_trainer()
+
+    def deaf(samples, weights):
+        heard = samples.origin == REAL
+        return quick(samples.take(heard), weights[heard])
+
+    assert learn(viscous(400), MILL, quick).any
+    assert not learn(viscous(400), MILL, deaf).any
 
 
 def test_trust_depends_on_the_set_of_parts_and_not_on_their_order():
@@ -321,9 +361,11 @@ def test_printed_settings_build_the_printed_method():
 
 def test_what_was_learned_about_trust_survives_being_a_file():
     share = np.linspace(0, 1, 20).reshape(4, 5)
-    trust = Trust((HELD, None, FRICTION, HELD), share, share + np.inf, (-0.1, 0.0, -0.2, 0.0), (HELD, FRICTION))
+    trust = Trust((HELD, None, FRICTION, HELD), share, share + np.inf, (-0.1, 0.0, -0.2, 0.0), (HELD, FRICTION),
+                  (Spacing(), Spacing(10.0, 0.5), Spacing(160.0), Spacing()))  # fmt: skip
     kept = Adaptation(PAPER_CHOICE, None, (ShareRule(),) * 4, {"trusted": trust.gain}, 7, trust)
     back = load(dump(kept), MILL).trust
     assert (back.terms, back.gain, back.tried) == (trust.terms, trust.gain, trust.tried)
+    assert back.spacing == trust.spacing
     np.testing.assert_array_equal(back.share, trust.share)
     np.testing.assert_array_equal(back.error, trust.error)
