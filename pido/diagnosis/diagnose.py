@@ -49,7 +49,7 @@ from pido.diagnosis.identify import (
 from pido.diagnosis.locate import score
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
-from pido.diagnosis.models import AxisModel, Equation, as_json
+from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.select import Library, basis, plausible
 from pido.diagnosis.state import AxisState, axis_states
@@ -439,6 +439,7 @@ def _settle(
             float(np.max(np.abs(a @ t.columns(full.states)), initial=0.0))
             for t, a in zip(terms, found.fit.amplitudes, strict=True)
         ),
+        known=known_of(full.states),
     )
     findings = []
     for i, term in enumerate(terms):

@@ -50,6 +50,8 @@ LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # whose shape is free, and of one that can take a single form only.
 MISFIT, MISFIT_PLAIN = 0.04, 0.01
 SMALL = 0.12  # the same share for a finding that is small in its own right
+_FEW_LASTING = 20  # rows
+_NEARLY_ALL = 0.7
 LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
 CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by which one confined to a box must beat it
@@ -336,9 +338,10 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
         least = LEAST_NAMELESS if term.name in TIED_TO_TIME else LEAST_EFFECT
         if rms < least * level:
             return i, f"{rms:.2g} A where it acts, under {least:.0%} of the noise"
-        if term.mechanism.transient and lasting(mismatch, term) < LASTING:
-            return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
         others = [t for k, t in enumerate(terms) if k != i]
+        single = term.mechanism.transient and lasting(mismatch, term) < LASTING
+        if single and not _goes_on(mismatch, active, others, terms):
+            return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
         if less_error(mismatch, terms, others, WORTH):
             continue
         if term.mechanism.id == "external_force":
@@ -387,6 +390,20 @@ def lasting(mismatch: Mismatch, term: Term) -> float:
     """Correlation of a term with itself one row later: near zero where it is there for single rows only."""
     rows = term.columns(mismatch.states) * mismatch.usable
     return float(np.sum(rows[:, 1:] * rows[:, :-1]) / max(np.sum(rows**2), 1e-300))
+
+
+def _goes_on(mismatch: Mismatch, active: Bool1D, others: Sequence[Term], terms: Sequence[Term]) -> bool:
+    """Whether a term explains nearly all of what is there where it goes on acting for more than one row.
+
+    At a slow reversal lost motion takes several rows, a late sample does not.
+    """
+    on = active & np.r_[False, active[:-1]]
+    if np.sum(on) < _FEW_LASTING:
+        return False
+    plain = even(mismatch)
+    before, after = (cross_residual(mismatch, plain, t) ** 2 for t in (others, terms))
+    gain = (before - after) * on
+    return bool(np.sum(gain) > _NEARLY_ALL * np.sum(before[on])) and paired_p(gain, mismatch, on) < SIGNIFICANT
 
 
 def _active(mismatch: Mismatch, effect: Float1D) -> Bool1D:

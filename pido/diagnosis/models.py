@@ -25,6 +25,38 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.unknown import Formula, Peak, Surface
 
+_GIVEN_BY = {
+    "pos": "pos_{axis}",
+    "force": "f_{axis}_sim",
+    "force_perp": "f_x_sim, f_y_sim, f_z_sim",
+    "m_sp": "m_sp_sim",
+    "mrr": "mrr_sim",
+    "ar": "mrr_sim and the speeds of x, y and z",
+    "engaged": "mrr_sim",
+    "edge_length": "a_p of the operations in part.json",
+    "coolant": "coolant",
+    "tool_mass": "mass_kg of the tools in part.json",
+    "cut_volume": "mrr_sim",
+    "cut_time": "mrr_sim",
+    "clock": "start_time_s in part.json",
+    "wx": "workpiece in part.json",
+    "vertical": "vertical_axis in part.json",
+}
+"""What a part may leave out of an axis' state, and where it would say so."""
+_FOLLOWS_FROM = {
+    "load_dependent_friction": ("force_perp",),
+    "position_dependent_friction": ("pos",),
+    "torque_ripple": ("pos",),
+    "gravity_load": ("vertical", "tool_mass"),
+    "cutting_force": ("force", "m_sp", "mrr"),
+    "edge_force": ("engaged", "force", "edge_length", "ar"),
+    "tool_wear": ("cut_volume", "cut_time", "force", "m_sp"),
+    "material_hard_zone": ("wx", "force", "m_sp"),
+    "coolant_load": ("coolant",),
+    "spindle_torque_load": ("m_sp",),
+    "thermal_drift": ("clock",),
+}
+"""What of it each mechanism may use; without it, the mechanism is nothing."""
 BEYOND = 3.0  # times the largest effect that a term had on the diagnosed parts: no further on any other part
 
 
@@ -49,6 +81,7 @@ class AxisModel:
     delay : s – the recording lags the simulation by delay[0] + delay[1] * time
     limits : per part, A – the recorded current never leaves them; a part that was not seen has the widest
     largest : per term, A – its largest effect on the diagnosed parts; where it is not known, nothing is bounded
+    known : what every diagnosed part said of the axis (fields of AxisState that a part may leave out)
     """
 
     axis: str
@@ -60,6 +93,7 @@ class AxisModel:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=())
     largest: tuple[float, ...] = ()
+    known: tuple[str, ...] = ()
 
     def simulated(self, recording: Recording, state: AxisState) -> Float1D:
         """(n,), A. Raises DiagnosisError where the recording has no simulated current and there is no equation."""
@@ -73,7 +107,10 @@ class AxisModel:
         return state.sim
 
     def effect(self, simulated: Float1D, recording: Recording, state: AxisState) -> Float1D:
-        """(n,), A – recorded minus simulated current as far as it is systematic."""
+        """(n,), A – recorded minus simulated current as far as it is systematic.
+
+        Raises DiagnosisError where the part does not say what a finding follows from, and the diagnosed parts did.
+        """
         total = np.zeros(len(state.time))
         if any(self.delay):
             total += shifted(state.time, simulated, self.delay) - simulated
@@ -81,13 +118,31 @@ class AxisModel:
             total += self.equation.of(recording, state, self.equation.joint) - simulated
         bounds = self.largest or (np.inf,) * len(self.terms)
         for term, amplitudes, most in zip(self.terms, self.amplitudes, bounds, strict=True):
-            total += np.clip(amplitudes @ term.of_part(state), -BEYOND * most, BEYOND * most)
+            columns = term.of_part(state)
+            if not columns.any():
+                self._check_known(term, state)
+            total += np.clip(amplitudes @ columns, -BEYOND * most, BEYOND * most)
         return np.clip(simulated + total, *self._limits_of(recording.part.part)) - simulated
+
+    def _check_known(self, term: Term, state: AxisState) -> None:
+        """A term that is nothing throughout: right where the part says so, not where it does not say."""
+        names = [n for n in _FOLLOWS_FROM.get(term.mechanism.id, ()) if n in self.known and getattr(state, n) is None]
+        if names:
+            silent = [_GIVEN_BY[name].format(axis=self.axis) for name in names]
+            raise DiagnosisError(
+                f"part {state.part}: {term.name} on axis {self.axis} cannot be applied: the part lacks "
+                f"{', '.join(dict.fromkeys(silent))}, which the diagnosed parts had. Add it to the part."
+            )
 
     def _limits_of(self, part: str) -> tuple[float, float]:
         every = self.limits.values()
         widest = (min((v[0] for v in every), default=-np.inf), max((v[1] for v in every), default=np.inf))
         return self.limits.get(part, widest)
+
+
+def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
+    """What every part says of an axis that a part may leave out."""
+    return tuple(name for name in _GIVEN_BY if all(getattr(s, name) is not None for s in states))
 
 
 def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
@@ -121,6 +176,7 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
         else {"names": list(m.equation.names), "alone": m.equation.alone.tolist(), "joint": m.equation.joint.tolist()},
         "terms": [_term_json(t, a) for t, a in zip(m.terms, m.amplitudes, strict=True)],
         "largest": list(m.largest),
+        "known": list(m.known),
     }
 
 
@@ -141,6 +197,7 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
             for part, (low, high) in data["limits"].items()
         },
         largest=tuple(float(v) for v in data.get("largest", [])),
+        known=tuple(str(name) for name in data.get("known", []) if name in _GIVEN_BY),
     )
 
 

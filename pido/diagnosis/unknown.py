@@ -19,6 +19,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
+from pido.core.errors import DiagnosisError
 from pido.diagnosis.confirm import p_of_mean
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
@@ -55,7 +56,10 @@ class Structure:
 
 
 def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
-    """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`."""
+    """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`.
+
+    Raises DiagnosisError where one of `names` is not known.
+    """
     spindle = state.axis == "sp"
     length, speed = ("deg", "deg/s") if spindle else ("mm", "mm/s")
     a = state.axis
@@ -83,10 +87,15 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
     out = {}
     for name in found if names is None else names:
-        values, unit = found[name]
+        values, unit = found.get(name, (None, ""))
         values = values() if callable(values) else values
         if values is not None:
             out[name] = (_finite(np.asarray(values, float)), unit)
+        elif names is not None:
+            raise DiagnosisError(
+                f"part {state.part}: what axis {a} follows without a name depends on {name}, which this part does not "
+                "give. Add the columns that the diagnosed parts had."
+            )
     return out
 
 

@@ -1,0 +1,57 @@
+"""A part that does not say what a finding follows from is not corrected in silence."""
+
+import numpy as np
+import pytest
+
+from pido.core.errors import DiagnosisError
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.correct import correct
+from pido.diagnosis.dynamics import Ringing
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.models import AxisModel, as_json, known_of
+from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import Term
+from pido.diagnosis.unknown import Formula
+
+COOLANT = Term(next(m for m in CATALOGUE if m.id == "coolant_load"), (("along", 0.0),))
+
+
+def part(**more):
+    t = np.arange(500) * 0.02
+    v = 10 * np.sin(t)
+    columns = {"time": t, "v_x": v, "a_x": np.gradient(v, t), "pos_x": np.cumsum(v) * 0.02, "curr_x_sim": v}
+    return Recording(PartInfo(part="p1", machine="m"), {**columns, **more})
+
+
+def model_of(term, recording):
+    states = axis_states([recording], "x")
+    amplitudes = np.ones(len(term.of_part(states[0])))
+    return as_json({"x": AxisModel("x", 0.1, (term,), (amplitudes,), known=known_of(states))})
+
+
+def test_a_part_without_the_column_is_refused_and_the_column_named():
+    model = model_of(COOLANT, part(coolant=np.ones(500)))
+    with pytest.raises(DiagnosisError, match=r"p1: coolant_load on axis x .* lacks coolant"):
+        correct(model, part())
+
+
+def test_a_part_in_which_coolant_was_off_is_corrected_by_nothing():
+    model = model_of(COOLANT, part(coolant=np.ones(500)))
+    series = correct(model, part(coolant=np.zeros(500)))
+    np.testing.assert_array_equal(series.corrected["x"], part()["curr_x_sim"])
+    on = correct(model, part(coolant=np.ones(500)))
+    np.testing.assert_allclose(on.mismatch["x"], 1.0)
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        Term(Formula((("coolant", "u"),), "–")),
+        Term(Ringing("f_x", "N"), (("f", 5.0), ("zeta", 0.1))),
+    ],
+)
+def test_what_has_no_name_says_which_quantity_it_misses(term):
+    model = model_of(term, part(coolant=np.ones(500), f_x_sim=np.ones(500)))
+    with pytest.raises(DiagnosisError, match=r"p1: .* depends on (coolant|f_x)"):
+        correct(model, part())
