@@ -39,6 +39,7 @@ _LATER = frozenset(
         "position_dependent_friction",
         "thermal_drift",
         "tool_wear",
+        "edge_force",
         "coolant_load",
         "axis_coupling",
         "backlash",
