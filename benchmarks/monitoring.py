@@ -1,4 +1,7 @@
-"""False alarms and detection of the monitor on parts of a virtual machine: `python -m benchmarks.monitoring`.
+"""False alarms and detection of the monitor on parts of a virtual machine.
+
+    python -m benchmarks.monitoring
+    python -m benchmarks.monitoring --machines 4 --watched 12 --first-seed 900
 
 Rows of {work, peer, ratio, goal, error}. Two kinds of production, neither used for tuning:
 
@@ -14,11 +17,11 @@ around the taught parts, widened by 10 % of its range, at the same place of the 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import click
 import numpy as np
 
 from pido.core.axes import AXES
@@ -55,7 +58,7 @@ class Counts:
         return Counts(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(Counts)})
 
 
-def run(machines: int = 6, watched: int = 20, first_seed: int = 500) -> list[dict[str, Any]]:
+def run(machines: int = 6, watched: int = 20, first_seed: int = 900) -> list[dict[str, Any]]:
     """machines : virtual machines per kind; watched : good parts on each, and as many with a load change."""
     rows: list[dict[str, Any]] = []
     for kind in ("series", "family"):
@@ -63,6 +66,7 @@ def run(machines: int = 6, watched: int = 20, first_seed: int = 500) -> list[dic
         for seed in range(first_seed, first_seed + machines):
             for known, counts in campaign(kind, seed, watched).items():
                 totals[known] += counts
+                click.echo(f"{kind} {seed} after {known}: {counts}", err=True)
         for known, c in totals.items():
             goal = "<= 2" if known == 1 else "<= 1"
             peer = f"envelope +10 %: {100 * c.peer_alarmed / max(c.good, 1):.1f}" if kind == "series" else "–"
@@ -197,6 +201,15 @@ def _row(work: str, peer: str, value: float, goal: str, error: str) -> dict[str,
     return {"work": work, "peer": peer, "ratio": round(value, 2), "goal": goal, "error": error}
 
 
+@click.command()
+@click.option("--machines", type=click.IntRange(min=1), default=6, show_default=True, help="per kind of production")
+@click.option("--watched", type=click.IntRange(min=1), default=20, show_default=True, help="good parts on each")
+@click.option("--first-seed", type=click.IntRange(min=0), default=900, show_default=True)
+def main(machines: int, watched: int, first_seed: int) -> None:
+    """Print the table; each machine is told as soon as it is done."""
+    for line in run(machines, watched, first_seed):
+        click.echo("  ".join(f"{v}" for v in line.values()))
+
+
 if __name__ == "__main__":
-    for line in run(**(QUICK if "--quick" in sys.argv else {})):
-        print("  ".join(f"{v}" for v in line.values()))
+    main()

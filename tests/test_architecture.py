@@ -27,7 +27,15 @@ MAY_IMPORT = {
 ONLY_HOME = {
     "prefect": {"flows", "benchmarks/plant"},
     "mlflow": {"pido/tracking", "benchmarks/plant", "benchmarks/chaos"},
-    "sklearn": {"pido/models", "pido/experiments", "pido/diagnosis", "pido/sampling", "pido/equations", "benchmarks"},
+    "sklearn": {
+        "pido/models",
+        "pido/experiments",
+        "pido/diagnosis",
+        "pido/sampling",
+        "pido/equations",
+        "pido/monitoring",
+        "benchmarks",
+    },
 }
 
 

@@ -116,8 +116,10 @@ class Watch:
         if len(states) < self._width or (band.difficulty is None and band.lean is None):
             return 1.0, 0.0
         features = features_of(np.array(states), self._engaged[axis] / self._rate_hz)
-        factor = 1.0 if band.difficulty is None else float(band.difficulty(features)[0])
-        return factor, 0.0 if band.lean is None else float(band.lean(means_of(features))[0])
+        factor, lean = 1.0, 0.0
+        if band.lean is not None:
+            lean, factor = (float(value[0]) for value in band.lean(means_of(features)))
+        return factor if band.difficulty is None else factor * float(band.difficulty(features)[0]), lean
 
 
 def _runs(outside: Bool1D, join: int) -> list[slice]:

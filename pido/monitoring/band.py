@@ -27,7 +27,7 @@ from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.monitoring.difficulty import Difficulty, learn_difficulty, means_of, window_features
-from pido.monitoring.lean import Lean, fit_lean, strength_of
+from pido.monitoring.lean import Lean, fit_lean, worth_it
 from pido.monitoring.residuals import WINDOW_S, PartResiduals, window_mean, window_samples
 
 STRETCH_S = 5.0
@@ -143,12 +143,12 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
             windows[axis] = seen
     if not windows:
         raise FitError("No axis has residuals over a whole window: record at least a few seconds without gaps.")
-    ridge = {axis: _strength(of_axis) for axis, of_axis in windows.items()}
-    states = {axis: _state(of_axis, ridge[axis]) for axis, of_axis in windows.items()}
-    splits = {axis: _splits(of_axis, ridge[axis]) for axis, of_axis in windows.items()}
+    leans = {axis: _leans(of_axis) for axis, of_axis in windows.items()}
+    states = {axis: _state(of_axis, leans[axis]) for axis, of_axis in windows.items()}
+    splits = {axis: _splits(of_axis, leans[axis]) for axis, of_axis in windows.items()}
     # An axis that follows a law on parts left out has a threshold of its own, so that those that are hard to predict
     # do not widen it. These share theirs: alone, three parts unlike one another say too little about each of them.
-    alone = [axis for axis, (_, lean) in states.items() if lean is not None]
+    alone = [axis for axis in windows if leans[axis]]
     groups = [[axis] for axis in alone] + [[axis for axis in windows if axis not in alone]]
     bands = []
     # Blocks with levels of their own pay where the same program comes again; other parts say whether that is so.
@@ -192,7 +192,7 @@ def _windows(part: PartResiduals, axis: str, window_s: float) -> _Windows:
     return _Windows(mean, part.tool.astype(str), part.block, part.program, features, width, part.rate_hz)
 
 
-def _splits(parts: Sequence[_Windows], ridge: float | None) -> list[tuple[Sequence[_Windows], list[_Windows], _State]]:
+def _splits(parts: Sequence[_Windows], leans: bool) -> list[tuple[Sequence[_Windows], list[_Windows], _State]]:
     """Judged windows, those that judge them, and what was learnt of states from these: no part has a say in its own
     levels. A single part is judged stretch by stretch."""
     if len(parts) == 1:
@@ -204,33 +204,32 @@ def _splits(parts: Sequence[_Windows], ridge: float | None) -> list[tuple[Sequen
         judged = [w for j, w in enumerate(parts) if j % count == k]
         others = [w for j, w in enumerate(parts) if j % count != k]
         if any(np.isfinite(w.mean).any() for w in others):
-            found.append((judged, others, _state(others, ridge)))
+            found.append((judged, others, _state(others, leans)))
     return found
 
 
-def _strength(parts: Sequence[_Windows]) -> float | None:
+def _leans(parts: Sequence[_Windows]) -> bool:
     few = [w.side_by_side() for w in parts]
     if any(w.features is None for w in few):
-        return None
-    return strength_of([(means_of(w.features), w.mean) for w in few if w.features is not None])
+        return False
+    return worth_it([(means_of(w.features), w.mean) for w in few if w.features is not None])
 
 
-def _state(parts: Sequence[_Windows], ridge: float | None) -> _State:
+def _state(parts: Sequence[_Windows], leans: bool) -> _State:
     """What residual, and of what size, these parts let expect in a state."""
     few = [w.side_by_side() for w in parts]
     features = [w.features for w in few if w.features is not None]
     if len(features) < len(few):
         return None, None
     means = [(means_of(f), w.mean) for f, w in zip(features, few, strict=True)]
-    lean = None if ridge is None else fit_lean(means, ridge)
-    left = np.concatenate([w.mean - _leant(w, lean) for w in few])
+    lean = fit_lean(means) if leans else None
+    left = np.concatenate([_left(w, (None, lean)) for w in few])
     return learn_difficulty(np.vstack(features), np.abs(left)), lean
 
 
 def _fit(parts: Sequence[_Windows], blocks: bool, state: _State) -> AxisBand:
-    difficulty, lean = state
     few = [w.side_by_side() for w in parts]
-    values = np.concatenate([(w.mean - _leant(w, lean)) / _factor(w, difficulty) for w in few])
+    values = np.concatenate([_left(w, state) for w in few])
     seen = np.isfinite(values)
     tools = np.concatenate([w.tool for w in few])[seen]
     names = np.concatenate([np.full(len(w.mean), w.program, object) for w in few])[seen]
@@ -250,19 +249,24 @@ def _fit(parts: Sequence[_Windows], blocks: bool, state: _State) -> AxisBand:
             for number, one in zip(numbers, np.split(values[there][order], starts[1:]), strict=True):
                 if number >= 0:
                     levels[(str(tool), str(program), int(number))] = _shrunk(one, 0.5 * len(one), of_tool)
-    return AxisBand(levels, np.inf, difficulty, lean)
+    return AxisBand(levels, np.inf, *state)
 
 
-def _factor(windows: _Windows, difficulty: Difficulty | None) -> Float1D:
-    if difficulty is None or windows.features is None:
-        return np.ones_like(windows.mean)
-    return difficulty(windows.features)
+def _expected(windows: _Windows, state: _State) -> tuple[Float1D, Float1D]:
+    """(n,), A, and (n,): the residual to be expected in each window, and the factor on its spread."""
+    difficulty, lean = state
+    expected, factor = np.zeros_like(windows.mean), np.ones_like(windows.mean)
+    if windows.features is None:
+        return expected, factor
+    if lean is not None:
+        expected, factor = lean(means_of(windows.features))
+    return expected, factor if difficulty is None else factor * difficulty(windows.features)
 
 
-def _leant(windows: _Windows, lean: Lean | None) -> Float1D:
-    if lean is None or windows.features is None:
-        return np.zeros_like(windows.mean)
-    return lean(means_of(windows.features))
+def _left(windows: _Windows, state: _State) -> Float1D:
+    """(n,), A: what is not expected, as large as it would be in the usual state."""
+    expected, factor = _expected(windows, state)
+    return (windows.mean - expected) / factor
 
 
 def _robust(values: Float1D) -> Level:
@@ -288,8 +292,8 @@ def _scales(windows: _Windows, axis: AxisBand) -> tuple[Float1D, Float1D]:
     pairs, which = np.unique(np.column_stack([tool_code, windows.block]), axis=0, return_inverse=True)
     found = [axis.level(str(tools[t]), int(b), windows.program) for t, b in pairs]
     centre, spread = np.array([(level.centre, level.spread) for level in found]).reshape(-1, 2).T
-    factor = _factor(windows, axis.difficulty)
-    return _leant(windows, axis.lean) + centre[which.ravel()] * factor, spread[which.ravel()] * factor
+    expected, factor = _expected(windows, (axis.difficulty, axis.lean))
+    return expected + centre[which.ravel()] * factor, spread[which.ravel()] * factor
 
 
 def _standardised(windows: _Windows, axis: AxisBand) -> Float1D:

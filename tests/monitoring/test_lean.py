@@ -6,7 +6,7 @@ import pytest
 from pido.monitoring.alarms import Watch, judge
 from pido.monitoring.band import learn
 from pido.monitoring.difficulty import state
-from pido.monitoring.lean import LEAST_PARTS, fit_lean, strength_of
+from pido.monitoring.lean import LEAST_PARTS, fit_lean, worth_it
 from pido.monitoring.residuals import PartResiduals
 
 RATE = 50.0
@@ -16,8 +16,20 @@ def test_the_law_is_found_where_residuals_follow_one():
     rng = np.random.default_rng(0)
     means = rng.normal(size=(500, 3)) * [1.0, 100.0, 0.01] + [0.0, 50.0, 3.0]
     residual = 0.5 + means @ [2.0, -0.03, 40.0]
-    lean = fit_lean([(means, residual)], 1e-9)
-    np.testing.assert_allclose(lean(means), residual, atol=1e-5)
+    said, wider = fit_lean([(means, residual)])(means)
+    np.testing.assert_allclose(said, residual, atol=1e-3)
+    assert wider.max() < 1.1, "500 windows leave next to nothing unsure"
+
+
+def test_the_law_is_unsure_where_a_column_that_hardly_varied_takes_another_value():
+    rng = np.random.default_rng(4)
+    means = rng.normal(size=(500, 2)) * [1.0, 0.0] + [0.0, -1.0]
+    means[:3, 1] = 1.0  # a direction that three windows had
+    lean = fit_lean([(means, means[:, 0] + 0.05 * rng.normal(size=500))])
+    _, (usual, other) = lean(np.array([[0.0, -1.0], [0.0, 1.0]]))
+    # Ordinary least squares: the mean of three windows is known to a third of their variance.
+    assert usual == pytest.approx(1.0, abs=0.01)
+    assert 1.02 < other < np.sqrt(1 + 1 / 3) + 0.05
 
 
 @pytest.mark.parametrize("follows", [True, False])
@@ -28,8 +40,8 @@ def test_parts_that_were_left_out_decide_whether_there_is_a_law(follows):
         means = np.column_stack([load + 0.1 * rng.normal(size=200), rng.normal(size=200)])
         law = 0.2 * means[:, 0] if follows else rng.normal() * means[:, 0]
         parts.append((means, law + 0.01 * rng.normal(size=200)))
-    assert (strength_of(parts) is not None) == follows
-    assert strength_of(parts[: LEAST_PARTS - 1]) is None
+    assert worth_it(parts) == follows
+    assert not worth_it(parts[: LEAST_PARTS - 1])
 
 
 def _part(rng: np.random.Generator, load: float, jump: float = 0.0) -> PartResiduals:
