@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from scipy import signal as dsp
@@ -178,5 +178,8 @@ def _answers(mismatch: Mismatch, residual: Float1D, drive: Float1D) -> list[floa
 
 def _filtered(above: Sequence[float], below: Sequence[float], u: Float1D, dt: float) -> Float1D:
     """The answer of a linear system to a sampled signal, drawn straight between samples."""
-    numerator, denominator, _ = dsp.cont2discrete((above, below), dt, method="foh")
-    return dsp.lfilter(np.ravel(numerator), denominator, u)
+    # scipy's answer has a type of its own for every sort of system.
+    numerator, denominator, _ = cast(
+        "tuple[Float2D, Float1D, float]", dsp.cont2discrete((above, below), dt, method="foh")
+    )
+    return np.asarray(dsp.lfilter(np.ravel(numerator), denominator, u))
