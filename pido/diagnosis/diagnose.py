@@ -35,6 +35,7 @@ from pido.diagnosis.identify import (
     SIGNIFICANT,
     SIGNIFICANT_NAME,
     Answer,
+    active,
     by_error,
     candidates,
     confirm,
@@ -64,6 +65,7 @@ _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a proc
 Result = TypeVar("Result")
 _BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
+_LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
 
@@ -461,12 +463,17 @@ def _proved(
     kept = list(terms)
     while True:
         proofs = [held_out(full, noise, kept, _without(kept, i), recorded) for i in range(len(kept))]
-        idle = [i for i, p in enumerate(proofs) if not p.rmse_after < _LESS_ERROR * p.rmse_before]
+        amplitudes = fit(full, noise, kept).amplitudes
+        acting = [
+            float(np.mean(active(full, a @ t.columns(full.states)))) for t, a in zip(kept, amplitudes, strict=True)
+        ]
+        least = [min(_LESS_ERROR, 1 - _LESS_WHERE * share) for share in acting]
+        idle = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         if not idle:
             answer.terms = kept
             return kept, proofs
         i = max(idle, key=lambda k: proofs[k].rmse_after - proofs[k].rmse_before)
-        answer.rejected.append(Rejected(full.axis, kept[i].name, "the error on unseen parts is no smaller with it"))
+        answer.rejected.append(Rejected(full.axis, kept[i].name, "the error on unseen parts is hardly smaller with it"))
         kept = _without(kept, i)
         for each in (answer.p_values, answer.q_values, answer.delta_bic, answer.rivals):
             del each[i]

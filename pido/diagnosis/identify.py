@@ -333,14 +333,14 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
     every = cross_residual(mismatch, noise, terms)
     level = float(np.median(noise.level))
     for i, term in enumerate(terms):
-        active = _active(mismatch, effects[i])
-        rms = float(np.sqrt(np.mean(effects[i][active] ** 2))) if active.any() else 0.0
+        acts = active(mismatch, effects[i])
+        rms = float(np.sqrt(np.mean(effects[i][acts] ** 2))) if acts.any() else 0.0
         least = LEAST_NAMELESS if term.name in TIED_TO_TIME else LEAST_EFFECT
         if rms < least * level:
             return i, f"{rms:.2g} A where it acts, under {least:.0%} of the noise"
         others = [t for k, t in enumerate(terms) if k != i]
         single = term.mechanism.transient and lasting(mismatch, term) < LASTING
-        if single and not _goes_on(mismatch, active, others, terms):
+        if single and not _goes_on(mismatch, acts, others, terms):
             return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
         if less_error(mismatch, terms, others, WORTH):
             continue
@@ -371,9 +371,9 @@ def _misfit(
         left = [i for i in range(len(terms)) if i not in kept]
         trials = {i: cross_residual(mismatch, noise, [terms[k] for k in [*kept, i]]) for i in left}
         i = min(left, key=lambda k: float(np.sum(noise.whiten(trials[k][None])[0] ** 2)))
-        active = _active(mismatch, effects[i])
-        added = float(np.mean((before**2 - trials[i] ** 2)[active])) if active.any() else 0.0
-        share = added / max(float(np.mean((none**2 - trials[i] ** 2)[active])), 1e-30) if active.any() else 0.0
+        acts = active(mismatch, effects[i])
+        added = float(np.mean((before**2 - trials[i] ** 2)[acts])) if acts.any() else 0.0
+        share = added / max(float(np.mean((none**2 - trials[i] ** 2)[acts])), 1e-30) if acts.any() else 0.0
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
         small = share < (MISFIT if free else MISFIT_PLAIN) or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
         small = small and not less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != i], WORTH)
@@ -392,12 +392,12 @@ def lasting(mismatch: Mismatch, term: Term) -> float:
     return float(np.sum(rows[:, 1:] * rows[:, :-1]) / max(np.sum(rows**2), 1e-300))
 
 
-def _goes_on(mismatch: Mismatch, active: Bool1D, others: Sequence[Term], terms: Sequence[Term]) -> bool:
+def _goes_on(mismatch: Mismatch, acts: Bool1D, others: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether a term explains nearly all of what is there where it goes on acting for more than one row.
 
     At a slow reversal lost motion takes several rows, a late sample does not.
     """
-    on = active & np.r_[False, active[:-1]]
+    on = acts & np.r_[False, acts[:-1]]
     if np.sum(on) < _FEW_LASTING:
         return False
     plain = even(mismatch)
@@ -406,7 +406,7 @@ def _goes_on(mismatch: Mismatch, active: Bool1D, others: Sequence[Term], terms: 
     return bool(np.sum(gain) > _NEARLY_ALL * np.sum(before[on])) and paired_p(gain, mismatch, on) < SIGNIFICANT
 
 
-def _active(mismatch: Mismatch, effect: Float1D) -> Bool1D:
+def active(mismatch: Mismatch, effect: Float1D) -> Bool1D:
     """(n,) – usable rows in which an effect is more than a tenth of its largest."""
     size = np.abs(effect)
     return mismatch.usable & (size > 0.1 * float(np.max(size[mismatch.usable], initial=0.0)))

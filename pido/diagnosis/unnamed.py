@@ -126,10 +126,12 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     offered = _ranked(known, few)
     late = remembering(mismatch, residual)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
-    scores = [s for s in scores if not _is_known(library, noise, s.term)]
-    if not scores:
+    scores = sorted((s for s in scores if not _is_known(library, noise, s)), key=lambda s: s.bic)
+    tuned = (tune(library, current, s) for s in scores)
+    best = next((s for s in tuned if not _is_known(library, noise, s)), None)
+    if best is None:
         return []
-    best = curve = tune(library, current, min(scores, key=lambda s: s.bic))
+    curve = best
     wanted: list[frozenset[str]] = []
     for term in offered[:40]:
         names = _quantities(term)
@@ -201,9 +203,10 @@ def tune(library: Library, current: Basis, score: Score) -> Score:
     return best
 
 
-def _is_known(library: Library, noise: Noise, term: Term) -> bool:
-    """Whether a formula is a mechanism of the catalogue in other words."""
-    row = noise.whiten(term.columns(library.mismatch.states)).astype(np.float32)[0]
+def _is_known(library: Library, noise: Noise, score: Score) -> bool:
+    """Whether a model without a name is a mechanism of the catalogue in other words."""
+    effect = score.amplitudes @ score.term.columns(library.mismatch.states)
+    row = noise.whiten(effect[None]).astype(np.float32)[0]
     length = float(np.sqrt(row @ row))
     if length == 0:
         return True

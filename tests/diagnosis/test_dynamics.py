@@ -20,7 +20,7 @@ from pido.diagnosis.whiten import Noise
 
 NOISE = 0.05
 STEP = 0.01
-INERTIA = next(m for m in CATALOGUE if m.id == "inertia")
+VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
 
 
 def part(k, rows=3000):
@@ -34,16 +34,20 @@ def part(k, rows=3000):
 
 def found_in(effect):
     """What the search without a name makes of an effect: state -> (n,), A, of size one, in white noise."""
+    (term,) = all_found_in(effect)
+    return term
+
+
+def all_found_in(effect):
     states = axis_states([part(k) for k in range(3)], "x")
     effects = [effect(s) for s in states]
     size = np.std(np.concatenate(effects))
     rng = np.random.default_rng(0)
     mismatch = lay_out(states, [2 * NOISE / size * e + rng.normal(0, NOISE, len(e)) for e in effects])
     noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-    library = Library(mismatch, [Term(INERTIA)])
+    library = Library(mismatch, [Term(VISCOUS)])
     library.whiten(noise)
-    (term,), _ = with_unknown(library, noise, [], 0)
-    return term
+    return with_unknown(library, noise, [], 0)[0]
 
 
 def test_an_axis_that_rings_after_each_change_of_speed():
@@ -62,6 +66,11 @@ def test_a_current_that_follows_a_speed_late():
     assert isinstance(term.mechanism, Lagged)
     assert (term.mechanism.signal, term.mechanism.form) == ("v_x", "|u|")
     assert dict(term.shape)["tau"] == pytest.approx(0.8, rel=0.15)
+
+
+def test_a_lag_of_no_time_is_no_model_of_its_own_for_what_has_a_name():
+    for term in all_found_in(lambda s: s.v):
+        assert not isinstance(term.mechanism, (Lagged, Ringing))
 
 
 def test_what_lags_may_have_another_size_while_the_tool_cuts():
