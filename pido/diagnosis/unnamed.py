@@ -126,9 +126,9 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     offered = _ranked(known, few)
     late = remembering(mismatch, residual)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
-    scores = sorted((s for s in scores if not _is_known(library, noise, s)), key=lambda s: s.bic)
+    scores = sorted((s for s in scores if not is_known(library, noise, s)), key=lambda s: s.bic)
     tuned = (tune(library, current, s) for s in scores)
-    best = next((s for s in tuned if not _is_known(library, noise, s)), None)
+    best = next((s for s in tuned if not is_known(library, noise, s)), None)
     if best is None:
         return []
     curve = best
@@ -203,7 +203,7 @@ def tune(library: Library, current: Basis, score: Score) -> Score:
     return best
 
 
-def _is_known(library: Library, noise: Noise, score: Score) -> bool:
+def is_known(library: Library, noise: Noise, score: Score) -> bool:
     """Whether a model without a name is a mechanism of the catalogue in other words."""
     effect = score.amplitudes @ score.term.columns(library.mismatch.states)
     row = noise.whiten(effect[None]).astype(np.float32)[0]

@@ -12,10 +12,10 @@ from pido.diagnosis.dynamics import Lagged, Ringing
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
-from pido.diagnosis.select import Library
+from pido.diagnosis.select import Library, basis
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.unnamed import is_known, with_unknown
 from pido.diagnosis.whiten import Noise
 
 NOISE = 0.05
@@ -32,13 +32,8 @@ def part(k, rows=3000):
     return Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)
 
 
-def found_in(effect):
-    """What the search without a name makes of an effect: state -> (n,), A, of size one, in white noise."""
-    (term,) = all_found_in(effect)
-    return term
-
-
-def all_found_in(effect):
+def planted(effect):
+    """A library of viscous friction, and white noise, over an effect: state -> (n,), A, of twice the noise."""
     states = axis_states([part(k) for k in range(3)], "x")
     effects = [effect(s) for s in states]
     size = np.std(np.concatenate(effects))
@@ -47,7 +42,13 @@ def all_found_in(effect):
     noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
     library = Library(mismatch, [Term(VISCOUS)])
     library.whiten(noise)
-    return with_unknown(library, noise, [], 0)[0]
+    return library, noise
+
+
+def found_in(effect):
+    """What the search without a name makes of it."""
+    (term,), _ = with_unknown(*planted(effect), [], 0)
+    return term
 
 
 def test_an_axis_that_rings_after_each_change_of_speed():
@@ -68,9 +69,12 @@ def test_a_current_that_follows_a_speed_late():
     assert dict(term.shape)["tau"] == pytest.approx(0.8, rel=0.15)
 
 
-def test_a_lag_of_no_time_is_no_model_of_its_own_for_what_has_a_name():
-    for term in all_found_in(lambda s: s.v):
-        assert not isinstance(term.mechanism, (Lagged, Ringing))
+@pytest.mark.parametrize(("tau", "other_words"), [(0.0, True), (1.0, False)])
+def test_a_lag_of_no_time_is_the_mechanism_itself_in_other_words(tau, other_words):
+    library, noise = planted(lambda s: signal.lsim(([1], [tau, 1]), s.v, s.time)[1] if tau else s.v)
+    lag = Term(Lagged("v_x", "u", "mm/s"), (("tau", max(tau, 1e-3)),))
+    score = library.score(lag, basis(library, noise, []))
+    assert is_known(library, noise, score) is other_words
 
 
 def test_what_lags_may_have_another_size_while_the_tool_cuts():
