@@ -18,6 +18,7 @@ _VARIANTS = (
     ("constant", "0.75"), ("friction line", "0.6"), ("nearest commands", "0.45"),
     ("real", "tab:blue"), ("pia", "tab:cyan"), ("pie", "tab:green"), ("both", "tab:orange"),
 )  # fmt: skip
+_WORDS = {"real": "recorded rows", "pia": "with PiA", "pie": "with PiE", "both": "with PiA and PiE"}
 
 
 def figures(files: RunFiles) -> dict[str, Figure]:
@@ -72,11 +73,19 @@ def _trace(trace: pd.DataFrame) -> Figure:
 
 
 def markdown(metrics: dict[str, dict[str, dict[str, float]]]) -> list[str]:
-    """`table` as lines of Markdown; a measure that is not defined (R² of a constant current) is a dash."""
-    lines = ["| axis | trained on | RMSE in A | R² |", "|---|---|---|---|"]
-    for row in table(metrics):
-        r2 = "–" if row.get("r2") is None else f"{row['r2']:.3f}"
-        lines.append(f"| {row['axis']} | {row['trained on']} | {row['rmse']:.4g} | {r2} |")
+    """Lines of a Markdown table, one row per axis: RMSE by what the models were trained on, beside the trivial rivals,
+    and R² of what was delivered; one that is not defined (of a constant current) is a dash. Nothing without metrics."""
+    names = [name for name, _ in _VARIANTS if any(name in of for of in metrics.values())]
+    if not names:
+        return []
+    lines = [
+        "| RMSE in A | " + " | ".join(_WORDS.get(name, name) for name in names) + " | R² |",
+        "|---" * (len(names) + 2) + "|",
+    ]
+    for axis in (axis for axis in AXES if axis in metrics):
+        errors = [f"{of['rmse']:.3g}" if (of := metrics[axis].get(name)) else "–" for name in names]
+        r2 = metrics[axis].get("both", {}).get("r2")
+        lines.append(f"| {axis} | " + " | ".join(errors) + f" | {'–' if r2 is None else f'{r2:.3f}'} |")
     return lines
 
 

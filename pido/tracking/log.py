@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import tempfile
+import time
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -97,6 +98,7 @@ def _write(
     workspace: Workspace, store: MlflowClient, place: str, iteration: Iteration, files: RunFiles, bundle: Bundle
 ) -> str:
     import mlflow
+    from mlflow.entities import Metric
 
     summary = files.summary
     tags = {
@@ -129,7 +131,9 @@ def _write(
             mlflow.log_artifacts(folder, "report")
         # Models before metrics: MLflow reads the history of every metric of the run again for each model it logs.
         _register(store, run_id, iteration, bundle)
-        mlflow.log_metrics(_metrics(summary))
+        # Not `mlflow.log_metrics`: it would write each of them once more for each of the four models.
+        now = int(time.time() * 1000)
+        store.log_batch(run_id, [Metric(name, value, now, 0) for name, value in _metrics(summary).items()])
     log.info("logged %s as MLflow run %s, version %d", summary["part"]["name"], run_id, iteration.version)
     return run_id
 
