@@ -74,6 +74,10 @@ class Ringing(Mechanism):
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"ringing at {shape['f']:.3g} Hz after changes of {self.signal}", ()
 
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        far = 2 * shape["zeta"] if name == "f" else 0.7
+        return shape[name] * float(np.exp(-far)), shape[name] * float(np.exp(far))
+
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in widths of the resonance and in powers of e."""
         zeta = float(np.clip(shape["zeta"] * np.exp(np.clip(by[1], -3, 3)), 1e-3, _MOST_DAMPED))
@@ -123,6 +127,9 @@ class Lagged(Mechanism):
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"following {self.signal} {shape['tau']:.3g} s late", ()
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        return shape[name] / 2, shape[name] * 2
 
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in powers of e."""

@@ -291,6 +291,10 @@ class Peak(Mechanism):
     def applies(self, states: Sequence[AxisState]) -> str | None:
         return None
 
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        c, w = shape["c"], shape["w"]
+        return (c - w, c + w) if name == "c" else (w / 2, 2 * w)
+
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in widths of the peak and in powers of e."""
         return {"c": shape["c"] + float(by[0]) * shape["w"], "w": shape["w"] * float(np.exp(np.clip(by[1], -3, 3)))}

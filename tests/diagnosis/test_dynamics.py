@@ -9,6 +9,7 @@ from scipy import signal
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.dynamics import Lagged, Ringing
+from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
@@ -67,6 +68,18 @@ def test_a_current_that_follows_a_speed_late():
     assert isinstance(term.mechanism, Lagged)
     assert (term.mechanism.signal, term.mechanism.form) == ("v_x", "|u|")
     assert dict(term.shape)["tau"] == pytest.approx(0.8, rel=0.15)
+
+
+def test_frequency_and_damping_have_intervals_that_hold_the_truth():
+    w, zeta = 2 * np.pi * 6.0, 0.05
+    system = signal.StateSpace([[0, 1], [-w * w, -2 * zeta * w]], [[0], [1]], [[w * w, 0]], [[0]])
+    library, noise = planted(lambda s: signal.lsim(system, s.a, s.time)[1] - s.a)
+    terms, _ = with_unknown(library, noise, [], 0)
+    terms = settle_shapes(library.mismatch, noise, terms)
+    (found,) = estimate(library.mismatch, noise, terms, np.random.default_rng(0)).parameters
+    assert found["f"].ci95[0] < 6.0 < found["f"].ci95[1]
+    assert found["zeta"].ci95[0] < 0.05 < found["zeta"].ci95[1]
+    assert 0.0 < found["f"].ci95[1] - found["f"].ci95[0] < 0.2
 
 
 @pytest.mark.parametrize(("tau", "other_words"), [(0.0, True), (1.0, False)])
