@@ -55,7 +55,7 @@ NEEDS = {
     "thermal_drift": "how long the machine has been running",
     "external_force": "the time at which it was seen, in the parts it was seen in",
     "current_saturation": "the current that your simulation gives",
-    "unknown": "what a formula or curve without a name was fitted over, and says nothing beyond",
+    "unknown": "a formula or curve without a name, which holds only over what it was fitted on",
 }
 """Mechanisms that do not, and what they need beside them."""
 _AT = {name: k for k, name in enumerate(INPUTS)}
@@ -194,8 +194,8 @@ def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any],
     if id not in INSTANT:
         needs = NEEDS.get(id, "more than one row says (a place, a time, what was before)")
         raise DiagnosisError(
-            f"{path}: {name} follows from {needs}. A generated row has the 13 inputs and the direction of motion and "
-            "nothing else, so it could not be generated with it. Use it as a correction: pido correct."
+            f"{path}: {name} cannot extend the equation: it follows from {needs}, and a generated row has nothing but "
+            "the 13 inputs and the direction of motion. Apply it as a correction: pido correct."
         )
     return own[0], about, hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
 

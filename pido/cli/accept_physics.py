@@ -1,4 +1,4 @@
-"""`pido accept-physics DIAGNOSIS_DIR --finding K`."""
+"""`pido accept-physics DIAGNOSIS --finding K`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def command(
     from pido import accepted
 
     if revoke is not None and (diagnosis is not None or finding is not None):
-        raise click.UsageError("give DIAGNOSIS_DIR and --finding, or --revoke ID")
+        raise click.UsageError("give DIAGNOSIS and --finding, or --revoke ID")
     workspace = existing(folder)
     machine = one_machine(workspace, machine)
     if revoke is not None:
@@ -49,5 +49,5 @@ def command(
     elif diagnosis is not None and finding is not None:
         entry = accepted.accept(workspace, machine, diagnosis, finding, by=by, reason=reason)
     else:
-        raise click.UsageError("give DIAGNOSIS_DIR and --finding, or --revoke ID")
+        raise click.UsageError("give DIAGNOSIS and --finding, or --revoke ID")
     click.echo(f"{entry.id}   {machine} {entry.axis} {entry.mechanism}   {entry.action}, version {entry.version}")

@@ -55,7 +55,10 @@ def decide(
 def existing(folder: Path) -> Workspace:
     """The workspace at `folder`; asking about one that is not there does not make it."""
     if not (folder / "ledger.db").exists():
-        raise RegistryError(f"{folder}: no workspace here (no ledger.db). Name one with --workspace.")
+        raise RegistryError(
+            f"{folder}: no workspace here (no ledger.db). Name one with --workspace, or "
+            f"make one by taking a part in: pido iterate PART --workspace {folder}"
+        )
     return Workspace.open(folder)
 
 

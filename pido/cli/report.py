@@ -95,9 +95,8 @@ def plan(plan: Path, out: Path) -> None:
         content = json.loads(file.read_text(encoding="utf-8"))
         rows, part = content.pop("bins"), str(content.pop("part"))
     except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise SettingsError(
-            f"{file}: not a plan ({error!r}). `pido plan PROGRAM --out FOLDER` writes plan.json."
-        ) from None
+        why = "no such file" if isinstance(error, FileNotFoundError) else f"not a plan ({error!r})"
+        raise SettingsError(f"{file}: {why}. `pido plan PROGRAM --out FOLDER` writes plan.json.") from None
     write_page(plan_page(part, rows, "", content), out)
     click.echo(out)
 
@@ -114,9 +113,12 @@ def experiment(result: Path, out: Path) -> None:
     from pido.core.errors import SettingsError
     from pido.core.files import write_atomically
 
-    pages = sorted(result.rglob("report.html"))
+    others = ("diagnosis.json", "plan.json")  # whose pages have the same name
+    pages = sorted(p for p in result.rglob("report.html") if not any((p.parent / other).exists() for other in others))
     if len(pages) != 1:
         found = ", ".join(str(page.parent) for page in pages) or "none"
-        raise SettingsError(f"{result}: must hold one experiment's report.html; found: {found}.")
+        raise SettingsError(
+            f"{result}: must hold the page of one experiment, as `pido experiment` writes it; found: {found}."
+        )
     write_atomically(out.absolute(), pages[0].read_bytes())
     click.echo(out)

@@ -212,7 +212,7 @@ def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, ser
     total = np.cumsum(np.concatenate([[0.0], power]))
     start = int(np.argmax(total[width:] - total[:-width]))
     window = slice(start, start + width)
-    plot = signal_figure(f"Part {part}, axis {axis}: where it differs most", "time, s", label)
+    plot = signal_figure(f"Part {part}, axis {axis}:\nwhere it differs most", "time, s", label)
     lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
     if not series.mismatch[axis].any():
         lines.pop()  # nothing was corrected
@@ -261,11 +261,12 @@ def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording],
         high = float(np.nanquantile(size, 0.99)) or 1.0
         mapper = LinearColorMapper(palette=list(Cividis256), low=0.0, high=high)
         plot = signal_figure(
-            f"{title}: size of the mismatch on axis {axis}", f"{first}, {along}", f"{second}, {along}", 380
+            f"{title}:\nsize of the mismatch on axis {axis}", f"{first}, {along}", f"{second}, {along}", 380
         )
         plot.scatter(
             "x", "y", source={"x": x, "y": y, "size": size}, color={"field": "size", "transform": mapper}, size=4
         )
+        plot.match_aspect = True  # a circle of the part is a circle on the page
         plot.add_layout(ColorBar(color_mapper=mapper, title=unit), "right")
         figures.append(plot)
     return figures

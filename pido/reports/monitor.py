@@ -21,6 +21,10 @@ from pido.supervision.part import Judgement, NamedAlarm
 MOST_STRETCHES = 1200
 """Steps drawn per line and axis; each keeps its extremes."""
 MOST_BOXES = 100
+FEW_PARTS = 10
+_WIDE = (
+    "From so few parts a band is wide, and changes smaller than it pass unseen. It narrows as good parts are taken in."
+)
 
 
 def monitor_page(judgement: Judgement) -> Page:
@@ -37,7 +41,8 @@ def monitor_page(judgement: Judgement) -> Page:
             "Recorded, expected, and the band",
             [
                 f"Means over {band.window_s:g} s. The band is learnt from {band.parts} part(s) on which the model had "
-                f"not been trained; it lets {band.tolerate:g} of 100 good parts raise a false alarm. Drag to zoom."
+                f"not been trained; it lets {band.tolerate:g} of 100 good parts raise a false alarm. Drag to zoom.",
+                *([_WIDE] if band.parts < FEW_PARTS else []),
             ],
             figures=plots,
         )

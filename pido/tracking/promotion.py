@@ -137,7 +137,10 @@ def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Rec
             elif record.action == "rollback":
                 stack.pop()
         if len(stack) < 2:
-            raise RegistryError(f"{machine}: there is no champion before the present one to go back to.")
+            raise RegistryError(
+                f"{machine}: there is no champion before the present one to go back to. Another version that passed "
+                "its gate takes its place: pido approve VERSION."
+            )
         found = _version(workspace, machine, stack[-2])
         verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "rollback", found, by, reason)

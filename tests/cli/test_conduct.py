@@ -227,6 +227,18 @@ def test_a_folder_where_a_file_is_wanted_says_so(call, folder, tmp_path):
     assert "p1: this is a folder; give a file." in err
 
 
+@pytest.mark.parametrize("other", ["diagnosis.json", "plan.json"])
+def test_the_page_of_something_else_is_not_taken_for_an_experiments(other, call, tmp_path):
+    (tmp_path / "d").mkdir()
+    for name in ("report.html", other):
+        (tmp_path / "d" / name).write_text("{}")
+    code, _, err = call("report", "experiment", tmp_path, "--out", tmp_path / "o.html")
+    assert code == 1
+    assert "must hold the page of one experiment" in err
+    (tmp_path / "d" / other).unlink()
+    assert call("report", "experiment", tmp_path, "--out", tmp_path / "o.html")[0] == 0
+
+
 def test_an_error_inside_pido_keeps_its_traceback(monkeypatch, folder):
     monkeypatch.setattr("pido.recordings.read_recording", lambda path: 1 / 0)
     monkeypatch.setattr(sys, "argv", ["pido", "diagnose", str(folder / "p1"), "--out", "o"])
