@@ -61,11 +61,14 @@ def test_a_run_holds_data_sets_parameters_metrics_figures_and_four_models(worksp
                 assert f"{measure}_{axis}/{trained_on}" in run.data.metrics
     assert {"balance/before", "balance/after", "rows/real", "rows/pia", "rows/pie"} <= set(run.data.metrics)
     assert run.data.params["seed"] == "0"
+    assert "| constant | friction line | nearest commands | recorded rows |" in run.data.tags["mlflow.note.content"]
     logged = {i.dataset.name: i for i in run.inputs.dataset_inputs}
     assert "real" in logged
     assert len(run.data.tags["pido.data.real"]) == 64
     with client(workspace) as store:
         files = {Path(f.path).name for f in store.list_artifacts(run.info.run_id, "iteration")}
+        # What is measured is a run's: the errors are those of models before the part, not of the ones logged here.
+        assert not any(store.get_logged_model(o.model_id).metrics for o in run.outputs.model_outputs)
     assert {"balance.png", "errors.png", "part.png", "bins.csv", "summary.json"} <= files
     assert [len(v) for v in versions(workspace).values()] == [2, 2, 2, 2]
 
