@@ -24,7 +24,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from benchmarks.chaos import Outcome, state
+from benchmarks.chaos_attempts import Outcome, state
 from deploy.settings import PlantSettings, load
 from flows.server import answers, environment, free_port
 from pido.tracking import mirror, promotion
@@ -172,7 +172,7 @@ def next_decision(workspace: Workspace, machine: str) -> tuple[str, ...]:
 
 
 def full_state(workspace: Workspace, machine: str) -> dict[str, Any]:
-    """Parts, store and models (`chaos.state`), and which decisions were made."""
+    """Parts, store and models (`chaos_attempts.state`), and which decisions were made."""
     decisions = [(r.action, r.version) for r in promotion.history(workspace, machine)]
     now = promotion.champion_bundle(workspace, machine)
     return {**state(workspace, machine), "decisions": decisions, "champion": now.content["models"] if now else None}

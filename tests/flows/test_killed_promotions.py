@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from benchmarks.chaos import promotions
+from benchmarks.chaos_storm import promotions
 from pido.tracking import bundle
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
