@@ -1,8 +1,8 @@
 # %% [markdown]
 # # pido as a library
 #
-# Open this file as a notebook (VS Code, PyCharm, or `jupytext --to notebook library.py`), or run it with Python.
-# It needs nothing but the package: no server, no Prefect, no MLflow. A test runs it as it stands.
+# `library.ipynb` is the notebook for Jupyter; `library.py` is the script with the same cells, and a test runs it as it
+# stands. They need nothing but the package: no server, no Prefect, no MLflow.
 
 # %%
 import numpy as np

@@ -1,5 +1,6 @@
 """The three worked paths of the user guide, run as they are written."""
 
+import json
 import os
 import re
 import runpy
@@ -45,6 +46,16 @@ def test_the_library_path_runs_and_finds_what_was_concealed(capsys):
     assert re.search(rf"^{axis}\s+torque_ripple", said, re.MULTILINE)
     before, after = map(float, re.search(rf"^{axis}: (\S+) -> (\S+) A", said, re.MULTILINE).groups())
     assert after < 0.6 * before  # an effect of three times the noise is most of the error
+
+
+def test_the_notebook_has_the_cells_of_the_script_that_runs():
+    cells = json.loads((GUIDE / "library.ipynb").read_text(encoding="utf-8"))["cells"]
+    script = re.split(r"^# %%.*\n", (GUIDE / "library.py").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    assert len(cells) == len(script)
+    for cell, text in zip(cells, script, strict=True):
+        marked = cell["cell_type"] == "markdown"
+        lines = [f"# {line}".strip() if marked else line for line in "".join(cell["source"]).splitlines()]
+        assert lines == text.strip().splitlines()
 
 
 def test_the_command_line_path_runs_and_finds_what_was_concealed(tmp_path):
