@@ -29,6 +29,10 @@ from pido.workspace import Workspace, digest_of
 
 log = logging.getLogger(__name__)
 DEPLOYMENT = "new-part/arrivals"
+ARRIVAL = "arrival"
+AT_ONCE = 2
+"""Runs of arrivals that are asked for at a time: one at work, one that has started up and waits for the machine. More
+would only hold the worker's slots against diagnoses, approvals and the night; what waits stays in the inbox."""
 DIAGNOSIS = "diagnose/newest"
 WAITING = [StateType.SCHEDULED, StateType.PENDING]
 BUSY = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
@@ -43,12 +47,16 @@ AWAY = (HTTPError, PrefectException, OSError, RuntimeError)
 
 
 def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
-    """Ask for a run for this arrival, unless one is waiting or running. Returns whether one was asked for."""
-    tag = f"arrival:{digest[:16]}"
-    if _runs(tag):
+    """Ask for a run for this arrival, unless it has one, or AT_ONCE others have. Returns whether one was asked for."""
+    tag = f"{ARRIVAL}:{digest[:16]}"
+    live = _runs(ARRIVAL)
+    if len(live) >= AT_ONCE or any(tag in run.tags for run in live):
         return False
     run_deployment(
-        DEPLOYMENT, parameters={"workspace": workspace, "path": path, "machine": machine}, tags=[tag], timeout=0
+        DEPLOYMENT,
+        parameters={"workspace": workspace, "path": path, "machine": machine},
+        tags=[ARRIVAL, tag],
+        timeout=0,
     )
     emit_event(
         "pido.part.arrived",

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -100,12 +101,14 @@ def _through_prefect(workspace: Workspace, machine: str | None) -> Callable[[lis
     from flows.submit import AWAY, submit, sweep
 
     due = _every(SWEEP_S)
+    asked: Counter[str] = Counter()
 
     def take(arrived: list[Arrived]) -> None:
         # A server that is away for a while is no reason to stop watching: what has arrived is still there.
         try:
-            for one in arrived:
-                submit(str(workspace.root), str(one.path), one.digest, machine)
+            # In production order, but what was asked for before and is still here lets the others go first.
+            for one in sorted(arrived, key=lambda one: asked[one.digest]):
+                asked[one.digest] += submit(str(workspace.root), str(one.path), one.digest, machine)
             if due():
                 sweep(workspace)
         except AWAY as error:
