@@ -175,7 +175,8 @@ def _trusted(
     trusted there. Where it is not, the model learns nothing new."""
     needed = relevant_bins(path.reduced, method.grid)
     asks = taken(path, method.grid, trust.spacing, rng)
-    some = asks[:, [i for i, terms in enumerate(trust.terms) if terms is not None]].any(axis=1)
+    used = [i for i, terms in enumerate(trust.terms) if terms is not None]
+    some = np.flatnonzero(asks[:, used].any(axis=1))
     rows, asks = path.take(some), asks[some]
     n = len(rows)
     rows = replace(

@@ -191,7 +191,7 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
             take = taken(play.left, grid, (spacing,) * 4, np.random.default_rng(0))
             origin = np.full(len(play.left), PIE, np.int64)
             rows = replace(play.left, origin=origin, currents=np.where(take & ~silent, said, np.nan))
-            rows = rows.take(np.isfinite(rows.currents).any(axis=1))
+            rows = rows.take(np.flatnonzero(np.isfinite(rows.currents).any(axis=1)))
             weights = np.vstack([np.full((len(rest), 4), omega), np.full((len(rows), 4), generated)])
             helped = train(Samples.concat([rest, rows]), weights)(play.left) if len(rows) else play.model
             with np.errstate(divide="ignore", invalid="ignore"):
