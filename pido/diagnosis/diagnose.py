@@ -54,7 +54,7 @@ from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.select import Library, basis, plausible
 from pido.diagnosis.state import AxisState, axis_states
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Term, fit, solve
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.unnamed import with_unknown
@@ -65,6 +65,8 @@ _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a proc
 Result = TypeVar("Result")
 _BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
+_ANOTHER = 1.5  # times a length, speed or time constant of the simulation's: not the same
+_CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term does not have
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
@@ -350,7 +352,10 @@ def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Ans
 
 
 def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
-    """`terms`, with the plain name for what is far larger than the simulation's own share of it: no wrong number."""
+    """`terms`, with the plain name for what no wrong coefficient of the simulation explains.
+
+    That is what is far larger than the simulation's own share of it, or has another length, speed or time constant.
+    """
     joint = fit(library.mismatch, noise, terms)
     out = []
     for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
@@ -358,10 +363,23 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
         if part is not None and term.name != term.mechanism.id:
             effect = (amplitudes @ term.columns(library.mismatch.states))[library.mismatch.usable]
             new = float(np.sqrt(np.mean(effect**2))) > _BEYOND_WRONG * part.size
+            new |= _of_another_shape(library.mismatch, term, part.term, effect)
             if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
                 term = replace(term, name=term.mechanism.id)
         out.append(term)
     return out
+
+
+def _of_another_shape(mismatch: Mismatch, term: Term, own: Term, effect: Float1D) -> bool:
+    """Whether an effect (on usable rows) is not what the simulation's own term says, and its shape another one too."""
+    shape, simulated = dict(term.shape), dict(own.shape)
+    numbers = [p.name for p in term.mechanism.shape if p.scale == "log" and not p.is_choice]
+    ratios = [abs(np.log(shape[n] / simulated[n])) for n in numbers if shape[n] > 0 and simulated[n] > 0]
+    if not ratios or max(ratios) < np.log(_ANOTHER):
+        return False
+    columns = replace(own, gates=term.gates).columns(mismatch.states)[:, mismatch.usable]
+    left = effect - solve(columns, effect)[0] @ columns
+    return float(left @ left) > _CLEARLY_OTHER * float(effect @ effect)
 
 
 def _retried(

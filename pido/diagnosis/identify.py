@@ -197,8 +197,7 @@ def by_error(library: Library, terms: Sequence[Term], questions: int) -> list[Te
     mismatch = library.mismatch
     noise = even(mismatch)
     library.whiten(noise)
-    terms = list(terms)
-    error = rms_held_out(mismatch, noise, terms)
+    terms, error = _harmless(mismatch, noise, terms)
     while len(terms) < MOST_TERMS:
         best = best_addition(library, basis(library, noise, terms), {t.name for t in terms})
         if best is None:
@@ -212,6 +211,18 @@ def by_error(library: Library, terms: Sequence[Term], questions: int) -> list[Te
             break
         terms, error = trial, less
     return terms
+
+
+def _harmless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[list[Term], float]:
+    """`terms` without those that make the error on unseen folds clearly larger, and that error."""
+    kept, error = list(terms), rms_held_out(mismatch, noise, terms)
+    while kept:
+        without = [rms_held_out(mismatch, noise, kept[:i] + kept[i + 1 :]) for i in range(len(kept))]
+        i = int(np.argmin(without))
+        if without[i] > (1 - WORTH) * error:
+            break
+        kept, error = kept[:i] + kept[i + 1 :], without[i]
+    return kept, error
 
 
 def even(mismatch: Mismatch) -> Noise:
