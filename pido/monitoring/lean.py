@@ -69,10 +69,11 @@ def worth_it(parts: Parts) -> bool:
 def fit_lean(parts: Parts) -> Lean:
     """The law on these parts."""
     means, residual, _ = _rows(parts)
-    fitted = _law().fit(means, residual)
-    scale, ridge = fitted["scale"], fitted["ridge"]
-    unsure = ridge.alpha_ * ridge.sigma_ / np.outer(scale.scale_, scale.scale_)
-    return Lean(scale.mean_, ridge.coef_ / scale.scale_, float(ridge.intercept_), unsure)
+    scale = StandardScaler().fit(means)
+    ridge = BayesianRidge().fit(scale.transform(means), residual)
+    size = np.asarray(scale.scale_)
+    unsure = ridge.alpha_ * ridge.sigma_ / np.outer(size, size)
+    return Lean(np.asarray(scale.mean_), ridge.coef_ / size, float(ridge.intercept_), unsure)
 
 
 def _law() -> Pipeline:
