@@ -50,32 +50,32 @@ def covered(s, n_u, n_v):
 def cut_whole(cells, j, i, z):
     """Lower a whole cell to z; mean height removed."""
     removed = 0.0
-    cov = cells[j, i, COV]
+    cov = cells[COV, j, i]
     if cov > 0.0:
-        if cells[j, i, LOW] > z + SKIN:
-            removed += cov * (cells[j, i, LOW] - z)
-            cells[j, i, LOW] = z
-        if cells[j, i, TOP] > z + SKIN:
-            removed += (1.0 - cov) * (cells[j, i, TOP] - z)
-            cells[j, i, TOP] = z
-        if cells[j, i, LOW] >= cells[j, i, TOP]:
-            cells[j, i, COV] = 0.0
-    elif cells[j, i, TOP] > z + SKIN:
-        removed = cells[j, i, TOP] - z
-        cells[j, i, TOP] = z
+        if cells[LOW, j, i] > z + SKIN:
+            removed += cov * (cells[LOW, j, i] - z)
+            cells[LOW, j, i] = z
+        if cells[TOP, j, i] > z + SKIN:
+            removed += (1.0 - cov) * (cells[TOP, j, i] - z)
+            cells[TOP, j, i] = z
+        if cells[LOW, j, i] >= cells[TOP, j, i]:
+            cells[COV, j, i] = 0.0
+    elif cells[TOP, j, i] > z + SKIN:
+        removed = cells[TOP, j, i] - z
+        cells[TOP, j, i] = z
     return removed
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
 def cut_part(cells, j, i, c, z, n_u, n_v):
     """Lower the share c of a cell to z, behind a wall with normal (n_u, n_v); mean height removed."""
-    top, low, cov = cells[j, i, TOP], cells[j, i, LOW], cells[j, i, COV]
+    top, low, cov = cells[TOP, j, i], cells[LOW, j, i], cells[COV, j, i]
     if z + SKIN >= top:
         return 0.0
     if cov == 0.0:
-        cells[j, i, LOW], cells[j, i, COV], cells[j, i, N_U], cells[j, i, N_V] = z, c, n_u, n_v
+        cells[LOW, j, i], cells[COV, j, i], cells[N_U, j, i], cells[N_V, j, i] = z, c, n_u, n_v
         return c * (top - z)
-    along = n_u * cells[j, i, N_U] + n_v * cells[j, i, N_V]
+    along = n_u * cells[N_U, j, i] + n_v * cells[N_V, j, i]
     if along > PARALLEL:
         union = max(c, cov)
     elif along < -PARALLEL:
@@ -94,11 +94,11 @@ def cut_part(cells, j, i, c, z, n_u, n_v):
     else:
         union = cov
     if c >= cov:
-        cells[j, i, N_U], cells[j, i, N_V] = n_u, n_v
+        cells[N_U, j, i], cells[N_V, j, i] = n_u, n_v
     if union >= 0.9999:
-        cells[j, i, TOP], cells[j, i, COV] = low, 0.0
+        cells[TOP, j, i], cells[COV, j, i] = low, 0.0
     else:
-        cells[j, i, LOW], cells[j, i, COV] = low, union
+        cells[LOW, j, i], cells[COV, j, i] = low, union
     return removed
 
 

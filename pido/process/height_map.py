@@ -31,7 +31,7 @@ MAX_CELLS = 40_000_000
 class HeightMap:
     """Heights over a grid across the tool; `removal.remove` changes `cells` in place.
 
-    cells : (n_v, n_u, 5) float32 – per cell top, low, share at low, normal of the wall; heights in mm above `bottom`
+    cells : (5, n_v, n_u) float32 – per cell top, low, share at low, normal of the wall; heights in mm above `bottom`
     corner : (2,), mm – u and v of the grid's lower corner
     bottom : mm – w of the raw part's underside
     cell_mm : edge of a cell
@@ -48,7 +48,7 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         if self.ceiling < 0:
-            self.ceiling = float(self.cells[..., TOP].max(initial=0.0))
+            self.ceiling = float(self.cells[TOP].max(initial=0.0))
 
     def copy(self) -> HeightMap:
         """A map that can be cut without changing this one."""
@@ -63,14 +63,14 @@ class HeightMap:
     def volume(self) -> float:
         """Volume of what is left, mm³."""
         cells = self.cells.astype(np.float64)
-        mean = cells[..., COV] * cells[..., LOW] + (1 - cells[..., COV]) * cells[..., TOP]
+        mean = cells[COV] * cells[LOW] + (1 - cells[COV]) * cells[TOP]
         return float(mean.sum()) * self.cell_mm**2
 
     @property
     def heights(self) -> Float2D:
         """(n_v, n_u), mm: mean height of each cell, as w."""
         cells = self.cells.astype(np.float64)
-        return self.bottom + cells[..., COV] * cells[..., LOW] + (1 - cells[..., COV]) * cells[..., TOP]
+        return self.bottom + cells[COV] * cells[LOW] + (1 - cells[COV]) * cells[TOP]
 
 
 def block(stock: Stock, grid_mm: float = DEFAULT_GRID_MM, tool_axis: str = "z") -> HeightMap:
@@ -80,19 +80,19 @@ def block(stock: Stock, grid_mm: float = DEFAULT_GRID_MM, tool_axis: str = "z") 
     """
     low, high = (to_tool_frame(np.array([corner]), tool_axis)[0] for corner in (stock.low_mm, stock.high_mm))
     n_u, n_v = _size(high[:2] - low[:2], grid_mm)
-    cells = np.zeros((n_v, n_u, FIELDS), np.float32)
-    cells[..., TOP] = high[2] - low[2]
+    cells = np.zeros((FIELDS, n_v, n_u), np.float32)
+    cells[TOP] = high[2] - low[2]
     # The last row and column may reach beyond the block: that part of the cell is already removed.
     for view, count, length, normal in (
-        (cells[:, -1], n_u, high[0] - low[0], N_U),
-        (cells[-1, :], n_v, high[1] - low[1], N_V),
+        (cells[:, :, -1], n_u, high[0] - low[0], N_U),
+        (cells[:, -1, :], n_v, high[1] - low[1], N_V),
     ):
         beyond = count - length / grid_mm
         if beyond > 1e-6:
-            inside = (1 - view[:, COV]) * (1 - beyond)
-            view[:, COV] = 1 - inside
-            view[:, [N_U, N_V]] = 0.0
-            view[:, normal] = -1.0
+            inside = (1 - view[COV]) * (1 - beyond)
+            view[COV] = 1 - inside
+            view[[N_U, N_V]] = 0.0
+            view[normal] = -1.0
     return HeightMap(cells, low[:2].copy(), float(low[2]), grid_mm, tool_axis)
 
 
@@ -126,7 +126,7 @@ def from_triangles(triangles, grid_mm: float, tool_axis: str = "z", where: str =
     n_u, n_v = _size(high[:2] - low[:2], grid_mm)
     # Centred, so that both outer columns reach equally far beyond the part.
     corner = low[:2] - 0.5 * (np.array([n_u, n_v]) * grid_mm - (high[:2] - low[:2]))
-    cells = np.zeros((n_v, n_u, FIELDS), np.float32)
+    cells = np.zeros((FIELDS, n_v, n_u), np.float32)
     uvw[..., :2] = (uvw[..., :2] - corner) / grid_mm
     uvw[..., 2] -= low[2]
     _drape(uvw, cells)
@@ -155,9 +155,9 @@ def _drape(uvw, cells):
         if area == 0.0:
             continue
         i0 = max(int(np.floor(min(a[0], b[0], c[0]) - 0.5)), 0)
-        i1 = min(int(np.ceil(max(a[0], b[0], c[0]) + 0.5)), cells.shape[1])
+        i1 = min(int(np.ceil(max(a[0], b[0], c[0]) + 0.5)), cells.shape[2])
         j0 = max(int(np.floor(min(a[1], b[1], c[1]) - 0.5)), 0)
-        j1 = min(int(np.ceil(max(a[1], b[1], c[1]) + 0.5)), cells.shape[0])
+        j1 = min(int(np.ceil(max(a[1], b[1], c[1]) + 0.5)), cells.shape[1])
         for j in range(j0, j1):
             for i in range(i0, i1):
                 x, y = i + 0.5, j + 0.5
@@ -165,5 +165,5 @@ def _drape(uvw, cells):
                 s = ((c[0] - x) * (a[1] - y) - (a[0] - x) * (c[1] - y)) / area
                 if r >= -1e-9 and s >= -1e-9 and r + s <= 1 + 1e-9:
                     w = np.float32(r * a[2] + s * b[2] + (1 - r - s) * c[2])
-                    if w > cells[j, i, TOP]:
-                        cells[j, i, TOP] = w
+                    if w > cells[TOP, j, i]:
+                        cells[TOP, j, i] = w

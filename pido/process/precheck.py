@@ -79,7 +79,7 @@ def _check_size(name: str, moves: Toolpath, part: HeightMap, index: Int1D, used:
         return
     diameters = [used[i].diameter_mm for i in np.unique(index[cutting])]
     clearance = max(CLEARANCE_MM, CLEARANCE_DIAMETERS * max(diameters))
-    size = np.array([part.cells.shape[1], part.cells.shape[0]]) * part.cell_mm
+    size = np.array([part.cells.shape[2], part.cells.shape[1]]) * part.cell_mm
     low = np.append(part.corner, part.bottom) - clearance
     high = np.append(part.corner + size, np.inf) + clearance
     outside = ((ends < low) | (ends > high)).any(axis=(0, 2)) & cutting

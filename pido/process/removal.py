@@ -68,7 +68,7 @@ def remove(part: HeightMap, positions: Float2D, tool_index: Int1D, tools: tuple[
     uvw[:, :2] = (uvw[:, :2] - part.corner) / cell
     uvw[:, 2] -= part.bottom
     shapes = [tool_shape(tool) for tool in tools] or [(0.0, 0.0, 0.0)]
-    out = np.zeros((len(uvw), 4))
+    out = np.zeros((4, len(uvw)))
     sweep(
         part.cells,
         part.ceiling,
@@ -80,7 +80,7 @@ def remove(part: HeightMap, positions: Float2D, tool_index: Int1D, tools: tuple[
         np.array([slope * cell for _, _, slope in shapes]),
         out,
     )
-    side, end, moment, depth = out.T
+    side, end, moment, depth = out
     offset = np.divide(moment, side, out=np.zeros(len(side)), where=side > 0) * cell
     side, end = side * cell**2, end * cell**2
     before = float(side[0] + end[0]) if len(side) else 0.0

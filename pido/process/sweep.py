@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numba import njit
 
-from pido.process.cells import FAST, HALF_DIAGONAL, TOP, covered, cut_part, cut_whole, row_span
+from pido.process.cells import COV, FAST, HALF_DIAGONAL, SKIN, TOP, covered, cut_part, cut_whole, row_span
 from pido.process.straight import COARSE, straight_run, sweep_run
 
 
@@ -64,28 +64,51 @@ def _lowest(q, s, length, w0, dw, radius, flat, corner, slope):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
+def _cut_row(cells, j, i0, i1, z, tip):
+    """Lower the cells i0 to i1 of a row wholly to z: (sum removed, its moment about the row's start, deepest cut)."""
+    top, cov = cells[TOP, j], cells[COV, j]
+    total, about, depth = 0.0, 0.0, 0.0
+    for i in range(i0, i1):
+        before = top[i]
+        if before <= tip:
+            continue
+        if cov[i] > 0.0:
+            removed = cut_whole(cells, j, i, z)
+        elif before > z + SKIN:
+            removed = float(before) - z
+            top[i] = z
+        else:
+            continue
+        total += removed
+        about += removed * (i + 0.5)
+        if removed > 1e-6:
+            depth = max(depth, before - tip)
+    return total, about, depth
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
 def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
     """Remove what the tools sweep between consecutive samples.
 
     Parameters
     ----------
-    cells : (n_v, n_u, 5) float32 – changed in place; heights in mm above the map's bottom
+    cells : (5, n_v, n_u) float32 – changed in place; heights in mm above the map's bottom
     ceiling : highest `top` of the map, mm: nothing above it is visited
     pos : (n, 3) – tool tip: u, v in cells from the map's corner, w in mm above its bottom; NaN: nobody knows
     tool : (n,) – which tool makes the step that ends here; -1: none, nothing is cut
     radii, flats : (m,) – radius of each tool, and of its flat end, in cells
     corners : (m, 2) – corner radius in cells and in mm
     slopes : (m,) – mm per cell, of a conical end; 0 for others
-    out : (n, 4) – filled, for the step that ends at each sample: volume removed at the side (mm * cells), volume
+    out : (4, n) – filled, for the step that ends at each sample: volume removed at the side (mm * cells), volume
         removed by the end, moment of the first about the path (to the left, in cells), axial depth at the side (mm)
     """
-    n_v, n_u = cells.shape[0], cells.shape[1]
+    n_v, n_u = cells.shape[1], cells.shape[2]
     clear = -1  # the tool whose disc at the step's start is known to be clear
     done = 0  # steps before this one belong to a run that is swept already
     for k in range(len(pos)):
         if k < done:
             continue
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = 0.0, 0.0, 0.0, 0.0
+        out[0, k], out[1, k], out[2, k], out[3, k] = 0.0, 0.0, 0.0, 0.0
         m = tool[k]
         first = k == 0 or np.isnan(pos[k - 1, 0] + pos[k - 1, 1] + pos[k - 1, 2])
         if m < 0 or np.isnan(pos[k, 0] + pos[k, 1] + pos[k, 2]):
@@ -120,7 +143,8 @@ def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
         outer = radius + HALF_DIAGONAL
         sure = max(radius - HALF_DIAGONAL, 0.0)
         inner = max(flat - HALF_DIAGONAL, 0.0)
-        level_z = np.float32(max(w0, 0.0))
+        level = is_flat and (dw == 0.0 or length == 0.0)
+        level_z = np.float32(max(w0 + min(dw, 0.0), 0.0))
         tip = max(min(w0, pos[k, 2]), 0.0)
         side, end, moment, depth = 0.0, 0.0, 0.0, 0.0
 
@@ -134,6 +158,9 @@ def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
                 continue
             a0, a1 = low, high
             b0, b1 = 0.0, -1.0
+            whole_from, whole_to = 0.0, -1.0
+            if level:
+                whole_from, whole_to = row_span(v, u0, v0, d_u, d_v, length, sure)
             if known:
                 # Behind the start the capsule is the disc of the step before.
                 if d_u > 1e-12:
@@ -153,8 +180,20 @@ def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
                     continue
                 i0 = max(math.ceil(a0 - 0.5), 0)
                 i1 = min(math.floor(a1 - 0.5) + 1, n_u)
-                for i in range(i0, i1):
-                    if cells[j, i, TOP] <= tip:
+                whole0, whole1 = i1, i1
+                if level and whole_from <= whole_to:
+                    whole0 = min(max(math.ceil(whole_from - 0.5), i0), i1)
+                    whole1 = min(max(math.floor(whole_to - 0.5) + 1, whole0), i1)
+                    removed, about, deep = _cut_row(cells, j, whole0, whole1, level_z, tip)
+                    if dw < 0.0:
+                        end += removed
+                    else:
+                        side += removed
+                        moment += removed * y * d_u - (about - removed * u0) * d_v
+                        depth = max(depth, deep)
+                for n in range(i0, i1 - (whole1 - whole0)):
+                    i = n if n < whole0 else n + whole1 - whole0
+                    if cells[TOP, j, i] <= tip:
                         continue
                     x = i + 0.5 - u0
                     s = x * d_u + y * d_v
@@ -169,7 +208,7 @@ def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
                             z = np.float32(max(w0 + _profile(math.sqrt(d2), flat, corner, slope), 0.0))
                     else:
                         z = np.float32(max(_lowest(q, s, length, w0, dw, radius, flat, corner, slope), 0.0))
-                    before = cells[j, i, TOP]
+                    before = cells[TOP, j, i]
                     if d2 <= sure * sure:
                         removed = cut_whole(cells, j, i, z)
                     else:
@@ -196,4 +235,4 @@ def sweep(cells, ceiling, pos, tool, radii, flats, corners, slopes, out):
                     moment += removed * q
                     if before - tip > depth and removed > 1e-6:
                         depth = before - tip
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = side, end, moment, depth
+        out[0, k], out[1, k], out[2, k], out[3, k] = side, end, moment, depth

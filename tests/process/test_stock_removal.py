@@ -38,7 +38,7 @@ def cut(points, tool=None, grid_mm=0.1, stock: Stock | MeshStock = BLOCK):
 
 
 @pytest.mark.parametrize("D", [3.0, 6.35, 10.0])
-@pytest.mark.parametrize("degrees", [0.0, 27.3, 45.0, 90.0, 200.0])
+@pytest.mark.parametrize("degrees", [0.0, 1.0, 15.0, 27.3, 45.0, 90.0, 200.0])
 def test_a_slot_removes_its_width_times_its_depth_in_every_direction(D, degrees):
     a = np.radians(degrees)
     s = np.arange(-20, 20, STEP)
@@ -57,6 +57,20 @@ def test_a_side_cut_removes_a_e_times_a_p_and_lies_on_its_side_of_the_path(a_e):
     assert removal.depth[steady] == pytest.approx(4.0, abs=1e-4)
     # the material reaches from y = 0 to the tool's left edge; the tool moves along +x at y = a_e - 5
     assert removal.offset[steady].mean() == pytest.approx(5.0 - a_e / 2, abs=0.02)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 160.0, 290.0])
+def test_a_slot_across_an_older_one_removes_what_that_left(degrees):
+    a, s = np.radians(degrees), np.arange(-20, 20, STEP)
+    x, y = 30.013 + s * np.cos(a), 29.871 + s * np.sin(a)
+    older = np.c_[30.013 - s * np.sin(a), 29.871 + s * np.cos(a), np.full(len(s), -2.0)]
+    points = np.r_[older, [[*older[-1, :2], 1.0], [x[0], y[0], 1.0]], np.c_[x, y, np.full(len(s), -6.0)]]
+    removal, _ = cut(points, end_mill())
+    steps = removal.volume[-len(s) + 1 :]  # without the plunge
+    assert steps.sum() == pytest.approx(10 * 6 * (s[-1] - s[0]) - 10 * 10 * 2, rel=1e-4)
+    # the rim, from its sides at s to its foremost point at s + 5, lies in the older slot from -5 to 5
+    inside = steps[(s[:-1] > -4.8) & (s[1:] < -0.2)]
+    np.testing.assert_allclose(inside, 10 * 4 * STEP, rtol=2e-3)
 
 
 def test_a_full_circle_removes_its_ring():
