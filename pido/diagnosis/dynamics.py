@@ -30,6 +30,7 @@ _MODES = 5  # peaks of a spectrum that are looked at
 _DAMPING = (0.015, 0.06, 0.2)
 _MOST_DAMPED = 0.4  # beyond it nothing rings: that is `Lagged`
 _TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+_LONGEST_S = 30.0  # what comes later still is drift
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ class Lagged(Mechanism):
 
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in powers of e."""
-        return {"tau": float(shape["tau"] * np.exp(np.clip(by[0], -3, 3)))}
+        return {"tau": min(_LONGEST_S, float(shape["tau"] * np.exp(np.clip(by[0], -3, 3))))}
 
 
 def remembering(mismatch: Mismatch, residual: Float1D) -> list[Term]:

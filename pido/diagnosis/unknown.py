@@ -377,7 +377,7 @@ def peaks(known: Mapping[str, tuple[Float1D, str]], centres: int = 24) -> list[t
     """Peaks around values that the quantities really take, in widths from a fiftieth to a quarter of their range."""
     out = []
     for name, (values, unit) in known.items():
-        if name.startswith(("held", "coolant", "uptime")):
+        if name.startswith(("held", "coolant", "uptime", "I_")):
             continue
         for even in (False, True) if values.min() < 0 < values.max() else (False,):
             u = np.abs(values) if even else values
