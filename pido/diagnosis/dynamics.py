@@ -87,9 +87,9 @@ class Ringing(Mechanism):
 
 @dataclass(frozen=True)
 class Lagged(Mechanism):
-    """A quantity that acts late, and what of it acts at once: dI = k_l * p(u) / (1 + tau s) + k * p(u).
+    """A quantity that acts late: dI = k * p(u) / (1 + tau s). What acts at once has a name or is a formula.
 
-    by_cut : with coefficients of their own while the tool cuts
+    by_cut : with another coefficient while the tool cuts
     """
 
     signal: str
@@ -105,11 +105,11 @@ class Lagged(Mechanism):
     @property
     def equation(self) -> str:  # type: ignore[override]
         u = self.form.replace("u", self.signal)
-        return f"dI = k_l * {u} / (1 + tau s) + k * {u}" + ", others while cutting" * self.by_cut
+        return f"dI = k * {u} / (1 + tau s)" + ", another k while cutting" * self.by_cut
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        names = ("k_l", "k", "k_l_cut", "k_cut") if self.by_cut else ("k_l", "k")
+        names = ("k", "k_cut") if self.by_cut else ("k",)
         return tuple(Parameter(name, f"A/({self.unit})") for name in names)
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
@@ -117,11 +117,11 @@ class Lagged(Mechanism):
         dt = float(np.median(np.diff(state.time))) if len(u) > 1 else 0.0
         if dt <= 0:
             return np.zeros((len(u), len(self.amplitudes)))
-        values = np.column_stack([_filtered([1.0], [shape["tau"], 1.0], u - u[0], dt) + u[0], u])
+        late = _filtered([1.0], [shape["tau"], 1.0], u - u[0], dt) + u[0]
         if not self.by_cut:
-            return values
-        cut = np.zeros((len(u), 1), bool) if state.engaged is None else state.engaged[:, None]
-        return np.column_stack([values * ~cut, values * cut])
+            return late[:, None]
+        cut = np.zeros(len(u), bool) if state.engaged is None else state.engaged
+        return np.column_stack([late * ~cut, late * cut])
 
     def applies(self, states: Sequence[AxisState]) -> str | None:
         return None
