@@ -44,7 +44,7 @@ _LEAST_SHARE = 0.08  # of all that is systematic: a smaller rest is a textbook f
 _CLEARLY = 25.0  # BIC by which a model without a name must win
 _CLEARLY_SHARE = 0.03  # and by this share of all that the named terms gain, in BIC and in sum of squares
 _SEPARATE_SHARE = 0.12  # the same where it stands beside all names: a smaller rest is their misfit
-_CURVE_SHARE = 0.3  # the same for a curve, which holds every law of its quantities and so always fits better
+_CURVE_SHARE = 0.3  # the same for a curve, and for what remembers beside names: both mend what any law lacks
 _LESS_ERROR = 0.01  # of the error with names, in A on unseen folds, that a model without a name has to take away
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
@@ -95,7 +95,7 @@ def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) 
 
 def _share_asked(unnamed: Term, beside: bool) -> float:
     """Share of what the names gain that a model without a name has to add to it."""
-    if isinstance(unnamed.mechanism, Surface):
+    if isinstance(unnamed.mechanism, Surface) or (beside and isinstance(unnamed.mechanism, (Ringing, Lagged))):
         return _CURVE_SHARE
     return _SEPARATE_SHARE if beside else _CLEARLY_SHARE
 
