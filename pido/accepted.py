@@ -213,7 +213,7 @@ def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:
     return AxisState(
         axis=axis, part="", time=np.arange(n, dtype=float), dt=0.0, pos=None, v=own.v, a=own.a, held=own.held,
         moving=own.moving, since_reversal=far, since_reversal_s=far, segment=np.zeros(n), others=motions,
-        force=forces.get(axis), force_perp=np.sqrt(sum(f**2 for a, f in forces.items() if a != axis)),
+        force=forces.get(axis), forces=forces, force_perp=np.sqrt(sum(f**2 for a, f in forces.items() if a != axis)),
         m_sp=get["m_sp_sim"], mrr=get["mrr_sim"], ar=samples.ar, engaged=get["mrr_sim"] > 0,
         usable=np.ones(n, bool),
     )  # fmt: skip

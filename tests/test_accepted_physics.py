@@ -1,5 +1,6 @@
 """A finding that somebody accepts is in the equation of the next iterations, and out of it when it is revoked."""
 
+import itertools
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ from pido import accepted, config
 from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.samples import Samples
+from pido.diagnosis.mechanisms import CATALOGUE
 from pido.equations.fit import fit_global
 from pido.equations.terms import PAPER
 from pido.files import equations as equation_files
@@ -66,6 +68,21 @@ def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_bac
     assert physics[0][0].name in found.choice.near[0].terms.id
     again = equation_files.load(equation_files.dump(found), MACHINE, physics)
     assert again.choice.near == found.choice.near
+
+
+@pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in accepted.INSTANT], ids=lambda m: m.id)
+def test_every_form_of_every_mechanism_that_may_be_accepted_has_columns_for_rows(tmp_path, mechanism):
+    place = Workspace.open(tmp_path / "plant")
+    samples = rows(50)
+    points = [dict(zip([p.name for p in mechanism.shape], values, strict=True))
+              for values in itertools.product(*(p.values or (1.0,) for p in mechanism.shape))]  # fmt: skip
+    for k, shape in enumerate(points):
+        folder = diagnosis(tmp_path / f"d{k}", mechanism=mechanism.id, shape=shape)
+        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    for term, _ in accepted.terms(place, MACHINE):
+        columns = term.columns(samples)
+        assert columns.shape[0] == len(samples)
+        assert np.isfinite(columns).all()
 
 
 def test_a_state_is_known_by_the_physics_in_force(tmp_path):
