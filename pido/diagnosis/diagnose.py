@@ -3,7 +3,7 @@
 In:  the parts of one machine, as recordings.
 Out: a `Diagnosis`: findings with proof, axes without one, the mismatch of every sample, models for other parts.
 Order: faulty inputs are set aside; then what is not physics (time, clipping) in competition with what is; then, per
-axis, the search of `pido.diagnosis.identify`; amplitudes, intervals and proof on every row at the end.
+axis, the search of `pido.diagnosis.search`; amplitudes, intervals and proof on every row at the end.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,47 +26,25 @@ from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.comparable import comparable_axes, in_order
 from pido.diagnosis.confirm import held_out
-from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Finding, HeldOut, PartSeries, Rejected
-from pido.diagnosis.forms import likelier, plainest, rivals_of
-from pido.diagnosis.identify import (
-    SIGNIFICANT,
-    SIGNIFICANT_NAME,
-    Answer,
-    active,
-    by_error,
-    candidates,
-    confirm,
-    even,
-    first_noise,
-    noise_of,
-    plain_error,
-    rms_held_out,
-    seen_slowly,
-    select_terms,
-)
+from pido.diagnosis.identify import Answer, acting, even, plain_error, rms_held_out
 from pido.diagnosis.locate import score
-from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
-from pido.diagnosis.select import Library, basis, plausible
+from pido.diagnosis.search import Look, best_gain, first_look, search, without
 from pido.diagnosis.state import AxisState, axis_states
-from pido.diagnosis.terms import Term, fit, solve
+from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unknown import flexible_rest
-from pido.diagnosis.unnamed import with_unknown
-from pido.diagnosis.whiten import Averaged, Noise, estimate_noise, robust_sd
+from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
 Result = TypeVar("Result")
-_BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
-_ANOTHER = 1.5  # times a length, speed or time constant of the simulation's: not the same
-_CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term does not have
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
@@ -205,18 +183,6 @@ class _Work:
     series: list[tuple[Float1D, Float1D, Float1D]] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class _Look:
-    """What is known of an axis before its search: noise, what the simulation contains, the best single mechanism."""
-
-    mismatch: Mismatch
-    noise: Noise
-    inside: dict[str, Component]
-    offered: list[Term]
-    rejected: list[Rejected]
-    best_gain: float
-
-
 def _lay_out(
     parts: Sequence[Recording],
     axis: str,
@@ -237,12 +203,12 @@ def _lay_out(
 
 def _look_at(
     parts: Sequence[Recording], axis: str, machine: Machine | None, limits: Limits, rng: np.random.Generator
-) -> _Look:
-    return _first_look(_lay_out(parts, axis, machine, limits, searching=True), rng)
+) -> Look:
+    return first_look(_lay_out(parts, axis, machine, limits, searching=True), rng)
 
 
-def _look_without(mismatch: Mismatch, delay: Delay, rng: np.random.Generator) -> _Look:
-    return _first_look(_without_delay(mismatch, delay), rng)
+def _look_without(mismatch: Mismatch, delay: Delay, rng: np.random.Generator) -> Look:
+    return first_look(_without_delay(mismatch, delay), rng)
 
 
 def _prove(
@@ -260,27 +226,11 @@ def _prove(
     return work
 
 
-def _first_look(mismatch: Mismatch, rng: np.random.Generator) -> _Look:
-    plain, rejected = candidates(CATALOGUE, mismatch, {})
-    noise = first_noise(mismatch, plain)
-    inside = contained(mismatch, CATALOGUE, noise, rng)
-    offered, _ = candidates(CATALOGUE, mismatch, {i: c.term for i, c in inside.items()})
-    library = Library(mismatch, _not_timing(offered), _any_sign(inside))
-    library.whiten(noise)
-    scores = library.screen(basis(library, noise, []))
-    gain = max((s.gain for s in scores), default=0.0)
-    return _Look(mismatch, noise, inside, offered, rejected, gain)
-
-
-def _any_sign(inside: Mapping[str, Component]) -> frozenset[str]:
-    return frozenset(f"miscalibrated:{i}" for i in inside)
-
-
 def _without_delay(mismatch: Mismatch, delay: Delay) -> Mismatch:
     return mismatch if mismatch.sim is None or mismatch.base_names else shift_target(mismatch, delay)
 
 
-def _delay_beside(looks: Mapping[str, _Look], answers: Mapping[str, Answer]) -> Delay | None:
+def _delay_beside(looks: Mapping[str, Look], answers: Mapping[str, Answer]) -> Delay | None:
     """A delay in what the terms leave, if it explains more there than one more mechanism on every axis would."""
     left, noises = {}, {}
     for axis, look in looks.items():
@@ -292,135 +242,8 @@ def _delay_beside(looks: Mapping[str, _Look], answers: Mapping[str, Answer]) -> 
         return None
     gains = {}
     for axis, look in looks.items():
-        library = Library(left[axis], _not_timing(look.offered), _any_sign(look.inside))
-        library.whiten(noises[axis])
-        scores = library.screen(basis(library, noises[axis], []))
-        gains[axis] = max((s.gain for s in scores), default=0.0)
+        gains[axis] = best_gain(left[axis], noises[axis], look.offered, look.inside)
     return find_delay(left, noises, gains)
-
-
-def _not_timing(terms: Sequence[Term]) -> list[Term]:
-    return [t for t in terms if t.mechanism.id != "time_misalignment"]
-
-
-def search(look: _Look, axes: int, timed: bool, rng: np.random.Generator) -> Answer:
-    """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out."""
-    mismatch, noise = look.mismatch, look.noise
-    answer = Answer(mismatch.axis, rejected=list(look.rejected))
-    # A shift in time is common to all axes, and was decided before: on one axis it can only be a rival.
-    rivals = [t for t in look.offered if t.mechanism.id != "sensor_clipping"]
-    library = Library(mismatch, _not_timing(rivals), _any_sign(look.inside))
-    terms = select_terms(library, noise)
-    # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
-    noise = noise_of(mismatch, noise, terms)
-    former = terms
-    terms = select_terms(library, noise, terms)
-    questions = axes * len({t.name for t in library.terms})
-    terms = by_error(library, terms, questions)
-    if terms != former:
-        noise = noise_of(mismatch, noise, terms)
-    terms, noise = seen_slowly(library, noise, terms)
-    library.whiten(noise)
-    former = terms
-    terms, note = with_unknown(library, noise, terms, int(rng.integers(2**31)))
-    if note is not None:
-        answer.notes.append(note)
-    if terms != former and not isinstance(noise, Averaged):
-        noise = noise_of(mismatch, noise, terms)
-    terms = plainest(library, noise, terms)
-    offered, terms = terms, confirm(library, noise, terms, answer, questions)
-    if len(terms) < len(offered):
-        # What fell may have hidden what is simple, or stood for something that no name of the catalogue says.
-        simple = plainest(library, noise, by_error(library, terms, questions))
-        library.whiten(noise)
-        terms = _retried(library, noise, simple, terms, answer, questions)
-        wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
-        terms = _retried(library, noise, wider, terms, answer, questions)
-    # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
-    for better in (likelier, plainest):
-        terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
-    terms = _missing(library, noise, terms, look.inside)
-    if terms and not timed:
-        library = Library(mismatch, rivals, _any_sign(look.inside))
-    library.whiten(noise)
-    answer.terms = terms
-    answer.noise = noise
-    whole = basis(library, noise, terms).bic
-    answer.delta_bic = [basis(library, noise, _without(terms, i)).bic - whole for i in range(len(terms))]
-    answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]
-    return answer
-
-
-def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
-    """`terms`, with the plain name for what no wrong coefficient of the simulation explains.
-
-    That is what is far larger than the simulation's own share of it, or has another length, speed or time constant.
-    """
-    joint = fit(library.mismatch, noise, terms)
-    out = []
-    for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
-        part = inside.get(term.mechanism.id)
-        if part is not None and term.name != term.mechanism.id:
-            effect = (amplitudes @ term.columns(library.mismatch.states))[library.mismatch.usable]
-            new = float(np.sqrt(np.mean(effect**2))) > _BEYOND_WRONG * part.size
-            new |= _of_another_shape(library.mismatch, term, part.term, effect)
-            if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
-                term = replace(term, name=term.mechanism.id)
-        out.append(term)
-    return out
-
-
-def _of_another_shape(mismatch: Mismatch, term: Term, own: Term, effect: Float1D) -> bool:
-    """Whether an effect (on usable rows) is not what the simulation's own term says, and its shape another one too."""
-    shape, simulated = dict(term.shape), dict(own.shape)
-    numbers = [p.name for p in term.mechanism.shape if p.scale == "log" and not p.is_choice]
-    ratios = [abs(np.log(shape[n] / simulated[n])) for n in numbers if shape[n] > 0 and simulated[n] > 0]
-    if not ratios or max(ratios) < np.log(_ANOTHER):
-        return False
-    columns = replace(own, gates=term.gates).columns(mismatch.states)[:, mismatch.usable]
-    left = effect - solve(columns, effect)[0] @ columns
-    return float(left @ left) > _CLEARLY_OTHER * float(effect @ effect)
-
-
-def _retried(
-    library: Library, noise: Noise, other: list[Term], terms: list[Term], answer: Answer, questions: int
-) -> list[Term]:
-    """What of `other` stands up to the strict tests, where it is no less than `terms` or leaves less error."""
-    kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT)
-    if not kept or kept == terms:
-        return terms
-    more = len(kept) >= len(terms) or plain_error(library.mismatch, kept) < plain_error(library.mismatch, terms)
-    return _taken(answer, trial, kept) if more else terms
-
-
-def _renamed(
-    library: Library, noise: Noise, other: list[Term], terms: list[Term], answer: Answer, questions: int
-) -> list[Term]:
-    """`other`, which say the same in better names, where all stand up, or those that leave hardly more error."""
-    kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT_NAME)
-    holds = kept != terms and (len(kept) == len(other) or _as_good(library.mismatch, kept, terms))
-    return _taken(answer, trial, kept) if holds else terms
-
-
-def _confirmed(
-    library: Library, noise: Noise, other: list[Term], terms: list[Term], questions: int, level: float
-) -> tuple[list[Term], Answer]:
-    """What of `other` stands up, with its proofs; nothing is tested where it is `terms` again."""
-    trial = Answer(library.mismatch.axis)
-    return (terms if other == terms else confirm(library, noise, other, trial, questions, level)), trial
-
-
-def _taken(answer: Answer, trial: Answer, kept: list[Term]) -> list[Term]:
-    """`kept`, with its proofs put into the answer."""
-    names = {t.name for t in kept}
-    answer.rejected = [r for r in answer.rejected if r.mechanism not in names]
-    answer.p_values, answer.q_values = trial.p_values, trial.q_values
-    return kept
-
-
-def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
-    """Whether no more terms leave an error on unseen folds that is hardly larger."""
-    return 0 < len(fewer) <= len(terms) and plain_error(mismatch, fewer) < plain_error(mismatch, terms) / _LESS_ERROR
 
 
 def _settle(
@@ -480,19 +303,19 @@ def _proved(
     """The terms that make the error on unseen folds smaller, in A and not only in units of noise; and the proof."""
     kept = list(terms)
     while True:
-        proofs = [held_out(full, noise, kept, _without(kept, i), recorded) for i in range(len(kept))]
+        proofs = [held_out(full, noise, kept, without(kept, i), recorded) for i in range(len(kept))]
         amplitudes = fit(full, noise, kept).amplitudes
-        acting = [
-            float(np.mean(active(full, a @ t.columns(full.states)))) for t, a in zip(kept, amplitudes, strict=True)
+        shares = [
+            float(np.mean(acting(full, a @ t.columns(full.states)))) for t, a in zip(kept, amplitudes, strict=True)
         ]
-        least = [min(_LESS_ERROR, 1 - _LESS_WHERE * share) for share in acting]
+        least = [min(_LESS_ERROR, 1 - _LESS_WHERE * share) for share in shares]
         idle = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         if not idle:
             answer.terms = kept
             return kept, proofs
         i = max(idle, key=lambda k: proofs[k].rmse_after - proofs[k].rmse_before)
         answer.rejected.append(Rejected(full.axis, kept[i].name, "the error on unseen parts is hardly smaller with it"))
-        kept = _without(kept, i)
+        kept = without(kept, i)
         for each in (answer.p_values, answer.q_values, answer.delta_bic, answer.rivals):
             del each[i]
 
@@ -513,7 +336,3 @@ def _equation(parts: Sequence[Recording], states: Sequence[AxisState]):
     ]
     keep = supported_terms(rows, moving)
     return [r[keep] for r in rows], tuple(equation_names()[k] for k in keep)
-
-
-def _without(terms: Sequence[Term], i: int) -> list[Term]:
-    return [t for k, t in enumerate(terms) if k != i]

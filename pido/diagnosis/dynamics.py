@@ -11,17 +11,17 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import numpy as np
 from scipy import signal as dsp
 
 from pido.core.arrays import Float1D, Float2D
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter
+from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
-from pido.diagnosis.unknown import FORMS, LOOKED_AT, common_signals, signals
+from pido.diagnosis.unknown import FORMS, Unnamed, signals
 
 _WINDOW_S = 20.0  # of a spectrum
 _SLOWEST_HZ = 0.2
@@ -34,7 +34,7 @@ _LONGEST_S = 30.0  # what comes later still is drift
 
 
 @dataclass(frozen=True)
-class Ringing(Mechanism):
+class Ringing(Unnamed):
     """What a lightly damped oscillator adds to the quasi-static answer to a quantity u:
 
     dI = k_s * (w² / D - 1) u + k_v * (w s / D) u,  D = s² + 2 zeta w s + w²,  w = 2 pi f
@@ -43,9 +43,6 @@ class Ringing(Mechanism):
     signal: str
     unit: str
 
-    id: ClassVar[str] = "unknown"
-    kind: ClassVar[Any] = "unexplained"
-    looked_at: ClassVar[int] = LOOKED_AT
     shape: ClassVar[tuple[Parameter, ...]] = (
         Parameter("f", "Hz", low=0.0, scale="log"),
         Parameter("zeta", "–", low=0.0, scale="log"),
@@ -62,15 +59,12 @@ class Ringing(Mechanism):
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = signals(state, [self.signal])[self.signal][0]
-        dt = float(np.median(np.diff(state.time))) if len(u) > 1 else 0.0
+        dt = _step(state)
         if dt <= 0 or shape["f"] * dt > 0.5:
             return np.zeros((len(u), 2))
         w, zeta = 2 * np.pi * shape["f"], shape["zeta"]
         below = [1.0, 2 * zeta * w, w * w]
         return np.column_stack([_filtered(above, below, u, dt) for above in ([-1.0, -2 * zeta * w, 0.0], [w, 0.0])])
-
-    def applies(self, states: Sequence[AxisState]) -> str | None:
-        return None
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"ringing at {shape['f']:.3g} Hz after changes of {self.signal}", ()
@@ -86,7 +80,7 @@ class Ringing(Mechanism):
 
 
 @dataclass(frozen=True)
-class Lagged(Mechanism):
+class Lagged(Unnamed):
     """A quantity that acts late: dI = k * p(u) / (1 + tau s). What acts at once has a name or is a formula.
 
     by_cut : with another coefficient while the tool cuts
@@ -97,9 +91,6 @@ class Lagged(Mechanism):
     unit: str
     by_cut: bool = False
 
-    id: ClassVar[str] = "unknown"
-    kind: ClassVar[Any] = "unexplained"
-    looked_at: ClassVar[int] = LOOKED_AT
     shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
 
     @property
@@ -114,7 +105,7 @@ class Lagged(Mechanism):
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = FORMS[self.form](signals(state, [self.signal])[self.signal][0])
-        dt = float(np.median(np.diff(state.time))) if len(u) > 1 else 0.0
+        dt = _step(state)
         if dt <= 0:
             return np.zeros((len(u), len(self.amplitudes)))
         late = _filtered([1.0], [shape["tau"], 1.0], u - u[0], dt) + u[0]
@@ -122,9 +113,6 @@ class Lagged(Mechanism):
             return late[:, None]
         cut = np.zeros(len(u), bool) if state.engaged is None else state.engaged
         return np.column_stack([late * ~cut, late * cut])
-
-    def applies(self, states: Sequence[AxisState]) -> str | None:
-        return None
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"following {self.signal} {shape['tau']:.3g} s late", ()
@@ -137,9 +125,11 @@ class Lagged(Mechanism):
         return {"tau": min(_LONGEST_S, float(shape["tau"] * np.exp(np.clip(by[0], -3, 3))))}
 
 
-def remembering(mismatch: Mismatch, residual: Float1D) -> list[Term]:
-    """Ringing at the frequencies in which the residual answers to a quantity, and late answers in steps of three."""
-    known = common_signals(mismatch.states)
+def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple[Float1D, str]]) -> list[Term]:
+    """Ringing at the frequencies in which the residual answers to a quantity, and late answers in steps of three.
+
+    known : `common_signals` of the mismatch
+    """
     axis = mismatch.axis
     terms = []
     for name in (f"a_{axis}", f"f_{axis}"):
@@ -167,7 +157,7 @@ def _late(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple
 
 def _answers(mismatch: Mismatch, residual: Float1D, drive: Float1D) -> list[float]:
     """Hz – where the residual's power that is coherent with `drive` has its highest peaks."""
-    rate = 1.0 / float(np.median(np.diff(mismatch.states[0].time)))
+    rate = 1.0 / _step(mismatch.states[0])
     shortest = min(len(s.time) for s in mismatch.states)
     length = int(min(shortest, _WINDOW_S * rate))
     if length < 64:
@@ -182,6 +172,11 @@ def _answers(mismatch: Mismatch, residual: Float1D, drive: Float1D) -> list[floa
     coherent = np.where((f > _SLOWEST_HZ) & (f < _FASTEST * rate), coherent, 0.0)
     at = dsp.find_peaks(coherent)[0]
     return [float(f[k]) for k in at[np.argsort(-coherent[at])][:_MODES]]
+
+
+def _step(state: AxisState) -> float:
+    """s, between two samples; 0 with one sample."""
+    return float(np.median(np.diff(state.time))) if len(state.time) > 1 else 0.0
 
 
 def _filtered(above: Sequence[float], below: Sequence[float], u: Float1D, dt: float) -> Float1D:

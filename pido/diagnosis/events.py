@@ -9,7 +9,6 @@ removed, and the search repeated while the gain pays for two ends and a level.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -50,9 +49,6 @@ class ExternalForce(Mechanism):
             ]
         ).astype(float)
 
-    def applies(self, states: Sequence[AxisState]) -> str | None:
-        return None
-
 
 @dataclass(frozen=True)
 class Rhythm(Mechanism):
@@ -71,9 +67,6 @@ class Rhythm(Mechanism):
         time = state.clock if self.clock and state.clock is not None else state.time
         phase = 2 * np.pi * np.asarray(time, float) / shape["T"]
         return np.column_stack([np.sin(phase), np.cos(phase)])
-
-    def applies(self, states: Sequence[AxisState]) -> str | None:
-        return None
 
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"all the time, repeating every {shape['T']:.3g} s whatever the axes do", ()

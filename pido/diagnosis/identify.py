@@ -344,7 +344,7 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
     every = cross_residual(mismatch, noise, terms)
     level = float(np.median(noise.level))
     for i, term in enumerate(terms):
-        acts = active(mismatch, effects[i])
+        acts = acting(mismatch, effects[i])
         rms = float(np.sqrt(np.mean(effects[i][acts] ** 2))) if acts.any() else 0.0
         least = LEAST_NAMELESS if term.name in TIED_TO_TIME else LEAST_EFFECT
         if rms < least * level:
@@ -382,7 +382,7 @@ def _misfit(
         left = [i for i in range(len(terms)) if i not in kept]
         trials = {i: cross_residual(mismatch, noise, [terms[k] for k in [*kept, i]]) for i in left}
         i = min(left, key=lambda k: float(np.sum(noise.whiten(trials[k][None])[0] ** 2)))
-        acts = active(mismatch, effects[i])
+        acts = acting(mismatch, effects[i])
         added = float(np.mean((before**2 - trials[i] ** 2)[acts])) if acts.any() else 0.0
         share = added / max(float(np.mean((none**2 - trials[i] ** 2)[acts])), 1e-30) if acts.any() else 0.0
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
@@ -417,7 +417,7 @@ def _goes_on(mismatch: Mismatch, acts: Bool1D, others: Sequence[Term], terms: Se
     return bool(np.sum(gain) > _NEARLY_ALL * np.sum(before[on])) and paired_p(gain, mismatch, on) < SIGNIFICANT
 
 
-def active(mismatch: Mismatch, effect: Float1D) -> Bool1D:
+def acting(mismatch: Mismatch, effect: Float1D) -> Bool1D:
     """(n,) – usable rows in which an effect is more than a tenth of its largest."""
     size = np.abs(effect)
     return mismatch.usable & (size > 0.1 * float(np.max(size[mismatch.usable], initial=0.0)))

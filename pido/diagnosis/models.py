@@ -43,20 +43,6 @@ _GIVEN_BY = {
     "vertical": "vertical_axis in part.json",
 }
 """What a part may leave out of an axis' state, and where it would say so."""
-_FOLLOWS_FROM = {
-    "load_dependent_friction": ("force_perp",),
-    "position_dependent_friction": ("pos",),
-    "torque_ripple": ("pos",),
-    "gravity_load": ("vertical", "tool_mass"),
-    "cutting_force": ("force", "m_sp", "mrr"),
-    "edge_force": ("engaged", "force", "edge_length", "ar"),
-    "tool_wear": ("cut_volume", "cut_time", "force", "m_sp"),
-    "material_hard_zone": ("wx", "force", "m_sp"),
-    "coolant_load": ("coolant",),
-    "spindle_torque_load": ("m_sp",),
-    "thermal_drift": ("clock",),
-}
-"""What of it each mechanism may use; without it, the mechanism is nothing."""
 BEYOND = 3.0  # times the largest effect that a term had on the diagnosed parts: no further on any other part
 
 
@@ -126,7 +112,7 @@ class AxisModel:
 
     def _check_known(self, term: Term, state: AxisState) -> None:
         """A term that is nothing throughout: right where the part says so, not where it does not say."""
-        names = [n for n in _FOLLOWS_FROM.get(term.mechanism.id, ()) if n in self.known and getattr(state, n) is None]
+        names = [n for n in term.mechanism.follows_from if n in self.known and getattr(state, n) is None]
         if names:
             silent = [_GIVEN_BY[name].format(axis=self.axis) for name in names]
             raise DiagnosisError(

@@ -214,8 +214,20 @@ def coarse(mismatch: Mismatch, residual: Float1D, noise: Noise, most: int = _MOS
     return Coarse(rows[keep], sums[keep] / count[keep], level[keep] ** -2.0)
 
 
+class Unnamed(Mechanism):
+    """A model of what no mechanism of the catalogue explains."""
+
+    id: ClassVar[str] = "unknown"
+    kind: ClassVar[Any] = "unexplained"
+    looked_at: ClassVar[int] = LOOKED_AT
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away, `by` (2,) in natural units of each member; as it is where there is none."""
+        return dict(shape)
+
+
 @dataclass(frozen=True)
-class Formula(Mechanism):
+class Formula(Unnamed):
     """A product of recorded quantities, mostly one or two: dI = k * p(u) * q(w), k in A per their units; of none: k."""
 
     factors: tuple[tuple[str, str], ...]  # (signal, form)
@@ -254,25 +266,19 @@ class Formula(Mechanism):
             out = out * FORMS[form](np.clip(u, *self.seen[i]) if self.seen else u)
         return out
 
-    def applies(self, states: Sequence[AxisState]) -> str | None:
-        return None
-
 
 LEVEL = Formula((), "–")
 """A constant, which is something only where it is confined."""
 
 
 @dataclass(frozen=True)
-class Peak(Mechanism):
+class Peak(Unnamed):
     """A current that is there only around one value of one quantity, as a resonance is."""
 
     signal: str
     unit: str
     even: bool  # the same on both sides of zero
 
-    id: ClassVar[str] = "unknown"
-    kind: ClassVar[Any] = "unexplained"
-    looked_at: ClassVar[int] = LOOKED_AT
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "A"),)
 
     @property
@@ -287,9 +293,6 @@ class Peak(Mechanism):
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = signals(state, [self.signal])[self.signal][0]
         return np.exp(-((((np.abs(u) if self.even else u) - shape["c"]) / shape["w"]) ** 2))[:, None]
-
-    def applies(self, states: Sequence[AxisState]) -> str | None:
-        return None
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         c, w = shape["c"], shape["w"]
@@ -306,16 +309,13 @@ class Peak(Mechanism):
 
 
 @dataclass(frozen=True)
-class Surface(Mechanism):
+class Surface(Unnamed):
     """A piecewise linear curve or surface over one or two recorded quantities; its knots' heights are in A."""
 
     variables: tuple[str, ...]
     knots: tuple[tuple[float, ...], ...]
     split: tuple[bool, ...]  # the curve may jump where this quantity changes sign
 
-    id: ClassVar[str] = "unknown"
-    kind: ClassVar[Any] = "unexplained"
-    looked_at: ClassVar[int] = LOOKED_AT
     shape: ClassVar[tuple[Parameter, ...]] = ()
     held_back: ClassVar[float] = 1e-3
 
@@ -338,9 +338,6 @@ class Surface(Mechanism):
             hats = _hats(known[name][0], np.asarray(knots), split)
             out = (out[:, :, None] * hats[:, None, :]).reshape(len(out), -1)
         return out
-
-    def applies(self, states: Sequence[AxisState]) -> str | None:
-        return None
 
 
 FORMS: Mapping[str, Any] = {

@@ -29,6 +29,7 @@ from pido.diagnosis.unknown import (
     Formula,
     Peak,
     Surface,
+    Unnamed,
     coarse,
     common_signals,
     formulas,
@@ -122,12 +123,13 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     current = basis(library, noise, start)
     residual = fit(mismatch, noise, start).residual
     few = coarse(mismatch, residual, noise)
-    known = {n: (v[few.rows], unit) for n, (v, unit) in common_signals(mismatch.states).items()}
+    whole = common_signals(mismatch.states)
+    known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
     offered = _ranked(known, few)
-    late = remembering(mismatch, residual)
+    late = remembering(mismatch, residual, whole)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
-    scores = sorted((s for s in scores if not is_known(library, noise, s)), key=lambda s: s.bic)
-    tuned = (tune(library, current, s) for s in scores)
+    scores.sort(key=lambda s: s.bic)
+    tuned = (tune(library, current, s) for s in scores if not is_known(library, noise, s))
     best = next((s for s in tuned if not is_known(library, noise, s)), None)
     if best is None:
         return []
@@ -189,7 +191,7 @@ def _gains_of_formulas(
 def tune(library: Library, current: Basis, score: Score) -> Score:
     """The shape of an unnamed term moved to its best."""
     best, size, mechanism = score, dict(score.term.shape), score.term.mechanism
-    if not isinstance(mechanism, (Peak, Ringing, Lagged)):
+    if not isinstance(mechanism, Unnamed) or not size:
         return score
 
     def loss(by: Float1D) -> float:

@@ -15,8 +15,8 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
-from pido.monitoring.band import Band, scales, standardise
-from pido.monitoring.difficulty import features_of, means_of
+from pido.monitoring.band import Band, expected_in, scales, standardise
+from pido.monitoring.difficulty import features_of
 from pido.monitoring.residuals import PartResiduals, window_mean, window_samples
 
 
@@ -116,10 +116,8 @@ class Watch:
         if len(states) < self._width or (band.difficulty is None and band.lean is None):
             return 1.0, 0.0
         features = features_of(np.array(states), self._engaged[axis] / self._rate_hz)
-        factor, lean = 1.0, 0.0
-        if band.lean is not None:
-            lean, factor = (float(value[0]) for value in band.lean(means_of(features)))
-        return factor if band.difficulty is None else factor * float(band.difficulty(features)[0]), lean
+        lean, factor = expected_in(features, band.difficulty, band.lean)
+        return float(factor[0]), float(lean[0])
 
 
 def _runs(outside: Bool1D, join: int) -> list[slice]:

@@ -254,13 +254,16 @@ def _fit(parts: Sequence[_Windows], blocks: bool, state: _State) -> AxisBand:
 
 def _expected(windows: _Windows, state: _State) -> tuple[Float1D, Float1D]:
     """(n,), A, and (n,): the residual to be expected in each window, and the factor on its spread."""
-    difficulty, lean = state
-    expected, factor = np.zeros_like(windows.mean), np.ones_like(windows.mean)
     if windows.features is None:
-        return expected, factor
-    if lean is not None:
-        expected, factor = lean(means_of(windows.features))
-    return expected, factor if difficulty is None else factor * difficulty(windows.features)
+        return np.zeros_like(windows.mean), np.ones_like(windows.mean)
+    return expected_in(windows.features, *state)
+
+
+def expected_in(features: Float2D, difficulty: Difficulty | None, lean: Lean | None) -> tuple[Float1D, Float1D]:
+    """(n,), A, and (n,): the residual to be expected in windows of these features (n, f), and the factor on its
+    spread."""
+    expected, factor = (np.zeros(len(features)), np.ones(len(features))) if lean is None else lean(means_of(features))
+    return expected, factor if difficulty is None else factor * difficulty(features)
 
 
 def _left(windows: _Windows, state: _State) -> Float1D:

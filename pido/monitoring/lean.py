@@ -69,8 +69,8 @@ def worth_it(parts: Parts) -> bool:
 def fit_lean(parts: Parts) -> Lean:
     """The law on these parts."""
     means, residual, _ = _rows(parts)
-    scale = StandardScaler().fit(means)
-    ridge = BayesianRidge().fit(scale.transform(means), residual)
+    law = _law().fit(means, residual)
+    scale, ridge = law.named_steps["scale"], law.named_steps["ridge"]
     size = np.asarray(scale.scale_)
     unsure = ridge.alpha_ * ridge.sigma_ / np.outer(size, size)
     return Lean(np.asarray(scale.mean_), ridge.coef_ / size, float(ridge.intercept_), unsure)

@@ -69,6 +69,7 @@ class GravityLoad(Mechanism):
     shape = (choice("by_tool", 2),)
     axes = LINEAR_AXES
     summary = "{axis} axis, at all times, also at standstill"
+    follows_from = ("vertical", "tool_mass")
 
     def regressors(self, state, *, by_tool):
         if round(by_tool) == 0:
@@ -160,6 +161,7 @@ class TorqueRipple(Mechanism):
     axes = LINEAR_AXES
     summary = "{axis} axis, repeating every {L:.4g} mm of travel"
     looked_at = 500
+    follows_from = ("pos",)
 
     def regressors(self, state, *, L):
         return nothing(state, 2) if state.pos is None else wave(state.pos, L)

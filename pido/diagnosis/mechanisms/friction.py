@@ -141,6 +141,7 @@ class LoadDependentFriction(Mechanism):
     shape = (choice("across", 3),)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
+    follows_from = ("force_perp",)
 
     def regressors(self, state, *, across=0.0):
         if state.force_perp is None:
@@ -174,6 +175,7 @@ class PositionDependentFriction(Mechanism):
     )
     axes = LINEAR_AXES
     looked_at = 100
+    follows_from = ("pos",)
 
     def regressors(self, state, *, form, L, p_0):
         if state.pos is None:

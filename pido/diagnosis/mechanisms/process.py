@@ -42,6 +42,7 @@ class CuttingForce(Mechanism):
     amplitudes = (Parameter("k", "A/N"),)
     axes = LINEAR_AXES
     summary = "{axis} axis, while cutting, in proportion to the process force"
+    follows_from = ("force", "m_sp", "mrr")
 
     def regressors(self, state, **shape):
         return nothing(state) if state.force is None else column(state.force)
@@ -62,6 +63,7 @@ class EdgeForce(Mechanism):
     amplitudes = (Parameter("K_e", "A/mm or A"),)
     shape = (choice("along", 4), choice("length", 3))
     summary = "{axis} axis, whenever the tool is engaged, however thin the chip"
+    follows_from = ("engaged", "force", "edge_length", "ar")
 
     def regressors(self, state, *, along, length):
         edge, side = _edge(state, round(length)), _side(state, round(along))
@@ -106,6 +108,7 @@ class ToolWear(Mechanism):
     amplitudes = (Parameter("W", "A per cm³ or min, per N, N·m or 1"),)
     shape = (choice("by", 2), choice("of", 4))
     summary = "{axis} axis, while cutting, growing with what the tool has cut"
+    follows_from = ("cut_volume", "cut_time", "force", "m_sp")
 
     def regressors(self, state, *, by, of):
         used = state.cut_volume if round(by) == 0 else state.cut_time
@@ -140,6 +143,7 @@ class MaterialHardZone(Mechanism):
         choice("frame", 2),
     )
     looked_at = 500
+    follows_from = ("wx", "force", "m_sp")
 
     def regressors(self, state, *, x_c, y_c, r, q, form, frame):
         force, place = load(state), _place(state, round(frame) == 1)
@@ -281,6 +285,7 @@ class CoolantLoad(Mechanism):
     amplitudes = (Parameter("C", "A"),)
     shape = (choice("along", 2),)
     summary = "{axis} axis, while coolant is on"
+    follows_from = ("coolant",)
 
     def regressors(self, state, *, along):
         if state.coolant is None:

@@ -35,6 +35,7 @@ class ThermalDrift(Mechanism):
         choice("rises", 2),
     )
     summary = "{axis} axis, changing over the time since start with a time constant of {tau:.3g} s"
+    follows_from = ("clock",)
 
     def regressors(self, state, *, tau, clock, along, rises):
         if round(clock) == 0:

@@ -65,6 +65,7 @@ class SpindleTorqueLoad(Mechanism):
     amplitudes = (Parameter("k", "A/(N·m)"),)
     axes = ("sp",)
     summary = "spindle, while cutting, in proportion to the cutting torque"
+    follows_from = ("m_sp",)
 
     def regressors(self, state, **shape):
         return nothing(state) if state.m_sp is None else column(state.m_sp)

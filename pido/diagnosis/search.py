@@ -1,0 +1,204 @@
+"""Names for what one axis lacks: the whole search, from a first look at the mismatch to terms that stand up.
+
+In:  one axis of all parts, laid out.
+Out: a `Look` (noise, what the simulation contains, what is offered), and from it an `Answer`: the terms, their proofs,
+     their rivals. Nothing is estimated for keeps yet.
+Order: by quick rows, by error, by averages; what no name says; then forms, proofs, and the names once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pido.core.arrays import Float1D
+from pido.diagnosis.contained import Component, contained
+from pido.diagnosis.finding import Rejected
+from pido.diagnosis.forms import likelier, plainest, rivals_of
+from pido.diagnosis.identify import (
+    SIGNIFICANT,
+    SIGNIFICANT_NAME,
+    Answer,
+    by_error,
+    candidates,
+    confirm,
+    first_noise,
+    noise_of,
+    plain_error,
+    seen_slowly,
+    select_terms,
+)
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.select import Library, basis, plausible
+from pido.diagnosis.terms import Term, fit, solve
+from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.whiten import Averaged, Noise
+
+_BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
+_ANOTHER = 1.5  # times a length, speed or time constant of the simulation's: not the same
+_CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term does not have
+_HARDLY_MORE = 1 / 0.998  # times an error on unseen folds: as good
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is known of an axis before its search: noise, what the simulation contains, the best single mechanism."""
+
+    mismatch: Mismatch
+    noise: Noise
+    inside: dict[str, Component]
+    offered: list[Term]
+    rejected: list[Rejected]
+    best_gain: float
+
+
+def first_look(mismatch: Mismatch, rng: np.random.Generator) -> Look:
+    """What can be said of an axis before its search."""
+    plain, rejected = candidates(CATALOGUE, mismatch, {})
+    noise = first_noise(mismatch, plain)
+    inside = contained(mismatch, CATALOGUE, noise, rng)
+    offered, _ = candidates(CATALOGUE, mismatch, {i: c.term for i, c in inside.items()})
+    return Look(mismatch, noise, inside, offered, rejected, best_gain(mismatch, noise, offered, inside))
+
+
+def best_gain(mismatch: Mismatch, noise: Noise, offered: Sequence[Term], inside: Mapping[str, Component]) -> float:
+    """2 log likelihood that the best single mechanism gains; a shift in time is none of one axis."""
+    library = Library(mismatch, _not_timing(offered), _any_sign(inside))
+    library.whiten(noise)
+    return max((s.gain for s in library.screen(basis(library, noise, []))), default=0.0)
+
+
+def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answer:
+    """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out."""
+    mismatch, noise = look.mismatch, look.noise
+    answer = Answer(mismatch.axis, rejected=list(look.rejected))
+    # A shift in time is common to all axes, and was decided before: on one axis it can only be a rival.
+    rivals = [t for t in look.offered if t.mechanism.id != "sensor_clipping"]
+    library = Library(mismatch, _not_timing(rivals), _any_sign(look.inside))
+    terms = select_terms(library, noise)
+    # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
+    noise = noise_of(mismatch, noise, terms)
+    former = terms
+    terms = select_terms(library, noise, terms)
+    questions = axes * len({t.name for t in library.terms})
+    terms = by_error(library, terms, questions)
+    if terms != former:
+        noise = noise_of(mismatch, noise, terms)
+    terms, noise = seen_slowly(library, noise, terms)
+    library.whiten(noise)
+    former = terms
+    terms, note = with_unknown(library, noise, terms, int(rng.integers(2**31)))
+    if note is not None:
+        answer.notes.append(note)
+    if terms != former and not isinstance(noise, Averaged):
+        noise = noise_of(mismatch, noise, terms)
+    terms = plainest(library, noise, terms)
+    offered, terms = terms, confirm(library, noise, terms, answer, questions)
+    if len(terms) < len(offered):
+        # What fell may have hidden what is simple, or stood for something that no name of the catalogue says.
+        simple = plainest(library, noise, by_error(library, terms, questions))
+        library.whiten(noise)
+        terms = _retried(library, noise, simple, terms, answer, questions)
+        wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
+        terms = _retried(library, noise, wider, terms, answer, questions)
+    # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
+    for better in (likelier, plainest):
+        terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
+    terms = _missing(library, noise, terms, look.inside)
+    if terms and not timed:
+        library = Library(mismatch, rivals, _any_sign(look.inside))
+    library.whiten(noise)
+    answer.terms = terms
+    answer.noise = noise
+    whole = basis(library, noise, terms).bic
+    answer.delta_bic = [basis(library, noise, without(terms, i)).bic - whole for i in range(len(terms))]
+    answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]
+    return answer
+
+
+def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
+    """`terms`, with the plain name for what no wrong coefficient of the simulation explains.
+
+    That is what is far larger than the simulation's own share of it, or has another length, speed or time constant.
+    """
+    joint = fit(library.mismatch, noise, terms)
+    out = []
+    for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
+        part = inside.get(term.mechanism.id)
+        if part is not None and term.name != term.mechanism.id:
+            effect = (amplitudes @ term.columns(library.mismatch.states))[library.mismatch.usable]
+            new = float(np.sqrt(np.mean(effect**2))) > _BEYOND_WRONG * part.size
+            new |= _of_another_shape(library.mismatch, term, part.term, effect)
+            if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
+                term = replace(term, name=term.mechanism.id)
+        out.append(term)
+    return out
+
+
+def _of_another_shape(mismatch: Mismatch, term: Term, own: Term, effect: Float1D) -> bool:
+    """Whether an effect (on usable rows) is not what the simulation's own term says, and its shape another one too."""
+    shape, simulated = dict(term.shape), dict(own.shape)
+    numbers = [p.name for p in term.mechanism.shape if p.scale == "log" and not p.is_choice]
+    ratios = [abs(np.log(shape[n] / simulated[n])) for n in numbers if shape[n] > 0 and simulated[n] > 0]
+    if not ratios or max(ratios) < np.log(_ANOTHER):
+        return False
+    columns = replace(own, gates=term.gates).columns(mismatch.states)[:, mismatch.usable]
+    left = effect - solve(columns, effect)[0] @ columns
+    return float(left @ left) > _CLEARLY_OTHER * float(effect @ effect)
+
+
+def _retried(
+    library: Library, noise: Noise, other: list[Term], terms: list[Term], answer: Answer, questions: int
+) -> list[Term]:
+    """What of `other` stands up to the strict tests, where it is no less than `terms` or leaves less error."""
+    kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT)
+    if not kept or kept == terms:
+        return terms
+    more = len(kept) >= len(terms) or plain_error(library.mismatch, kept) < plain_error(library.mismatch, terms)
+    return _taken(answer, trial, kept) if more else terms
+
+
+def _renamed(
+    library: Library, noise: Noise, other: list[Term], terms: list[Term], answer: Answer, questions: int
+) -> list[Term]:
+    """`other`, which say the same in better names, where all stand up, or those that leave hardly more error."""
+    kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT_NAME)
+    holds = kept != terms and (len(kept) == len(other) or _as_good(library.mismatch, kept, terms))
+    return _taken(answer, trial, kept) if holds else terms
+
+
+def _confirmed(
+    library: Library, noise: Noise, other: list[Term], terms: list[Term], questions: int, level: float
+) -> tuple[list[Term], Answer]:
+    """What of `other` stands up, with its proofs; nothing is tested where it is `terms` again."""
+    trial = Answer(library.mismatch.axis)
+    return (terms if other == terms else confirm(library, noise, other, trial, questions, level)), trial
+
+
+def _taken(answer: Answer, trial: Answer, kept: list[Term]) -> list[Term]:
+    """`kept`, with its proofs put into the answer."""
+    names = {t.name for t in kept}
+    answer.rejected = [r for r in answer.rejected if r.mechanism not in names]
+    answer.p_values, answer.q_values = trial.p_values, trial.q_values
+    return kept
+
+
+def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
+    """Whether no more terms leave an error on unseen folds that is hardly larger."""
+    return 0 < len(fewer) <= len(terms) and plain_error(mismatch, fewer) < _HARDLY_MORE * plain_error(mismatch, terms)
+
+
+def without(terms: Sequence[Term], i: int) -> list[Term]:
+    """`terms` but the one in place i."""
+    return [t for k, t in enumerate(terms) if k != i]
+
+
+def _not_timing(terms: Sequence[Term]) -> list[Term]:
+    return [t for t in terms if t.mechanism.id != "time_misalignment"]
+
+
+def _any_sign(inside: Mapping[str, Component]) -> frozenset[str]:
+    return frozenset(f"miscalibrated:{i}" for i in inside)
