@@ -83,7 +83,9 @@ def of_part(
     judgement = monitor(workspace, part, machine=machine, tolerate=tolerate)
     keep(workspace, judgement)
     if as_json:
-        click.echo(json.dumps({**judgement.record(), "no_safety_stop": NO_SAFETY_STOP}, indent=1, sort_keys=True))
+        answered = {a.id: a.answered for a in judgement.alarms if a.answered}
+        record = {**judgement.record(), "answered": answered, "no_safety_stop": NO_SAFETY_STOP}
+        click.echo(json.dumps(record, indent=1, sort_keys=True))
         return
     for line in lines(judgement):
         click.echo(line)
@@ -122,7 +124,7 @@ def lines(judgement: Judgement) -> list[str]:
     band = judgement.band
     first = f"{judgement.part}   {head}   ({judgement.model}; band from {band.parts} part(s), "
     first += f"{band.tolerate:g} false alarm(s) per 100 parts tolerated)"
-    return [first, *(f"  {a['id']}  {in_a_line(a)}" for a in map(named, judgement.alarms))]
+    return [first, *(f"  {a.id}  {in_a_line(named(a))}{a.answered and f' ({a.answered})'}" for a in judgement.alarms)]
 
 
 def in_a_line(alarm: dict[str, Any]) -> str:

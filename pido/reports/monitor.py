@@ -72,11 +72,21 @@ def verdict(judgement: Judgement) -> str:
 def _alarms(alarms: tuple[NamedAlarm, ...]) -> Section:
     rows = [
         [one.id, a.axis, f"{a.t_start:.1f} – {a.t_end:.1f}", a.block if a.block >= 0 else "–", a.tool or "–",
-         f"{a.size_a:+.3g}", number(abs(a.spreads)), in_words(one.looks_like)]
+         f"{a.size_a:+.3g}", number(abs(a.spreads)), in_words(one.looks_like), one.answered or "–"]
         for one in alarms
         for a in (one.alarm,)
     ]  # fmt: skip
-    head = ["alarm", "axis", "time, s", "NC block", "tool", "size, A", "in spreads", "looks like (a first guess)"]
+    head = [
+        "alarm",
+        "axis",
+        "time, s",
+        "NC block",
+        "tool",
+        "size, A",
+        "in spreads",
+        "looks like (a first guess)",
+        "answer",
+    ]
     text = [
         "Say what each was: pido monitor answer ALARM --true (or --false) --by NAME --reason TEXT. A false alarm "
         "widens the band; samples of a true one are not learnt from."

@@ -82,19 +82,27 @@ class Book:
         for record in (r for r in records if r["kind"] == "verdict"):
             for alarm in record["alarms"]:
                 if record is newest[record["digest"]] or alarm["id"] in answered:
-                    found[alarm["id"]] = {**alarm, "digest": record["digest"]}
+                    found[alarm["id"]] = {**alarm, "part": record["part"], "digest": record["digest"]}
         return found
 
     def answers(self) -> list[Answer]:
         """What was said last of each alarm; `Alarm.part` is the part's digest."""
         alarms = self.alarms()
-        last = {r["alarm"]: r for r in self.records() if r["kind"] == "answer"}
-        return [Answer(as_alarm(alarms[i]), r["true"], r["by"], r["reason"]) for i, r in last.items() if i in alarms]
+        return [
+            Answer(as_alarm(alarms[i]), r["true"], r["by"], r["reason"]) for i, r in self._said().items() if i in alarms
+        ]
+
+    def answered(self) -> dict[str, str]:
+        """What was said last of each alarm, in words."""
+        return {i: f"{'true' if r['true'] else 'false'} alarm, says {r['by']}" for i, r in self._said().items()}
 
     def open_alarms(self) -> list[Alarm]:
         """Alarms that nobody has answered yet, `part` being the digest."""
-        answered = {r["alarm"] for r in self.records() if r["kind"] == "answer"}
+        answered = self._said()
         return [as_alarm(alarm) for name, alarm in self.alarms().items() if name not in answered]
+
+    def _said(self) -> dict[str, dict[str, Any]]:
+        return {r["alarm"]: r for r in self.records() if r["kind"] == "answer"}
 
     def _exclude(self) -> None:
         stretches: dict[str, list[list[float]]] = {}

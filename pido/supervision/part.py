@@ -47,11 +47,12 @@ AROUND_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class NamedAlarm:
-    """An alarm with its identifier, and the mechanism that it looks like at first sight."""
+    """An alarm with its identifier, the mechanism that it looks like at first sight, and what was said of it so far."""
 
     id: str
     alarm: Alarm
     looks_like: str
+    answered: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,7 @@ class Judgement:
 
 
 def named(one: NamedAlarm) -> dict[str, Any]:
-    """An alarm as plain values."""
+    """An alarm as plain values; what was said of it is in the book already."""
     a = one.alarm
     return {
         "id": one.id, "part": a.part, "axis": a.axis, "t_start": round(a.t_start, 3), "t_end": round(a.t_end, 3),
@@ -130,8 +131,11 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
     signals = {name: samples.inputs[:, i] for i, name in enumerate(INPUTS)}
     if "coolant" in recording:
         signals["coolant"] = np.asarray(recording["coolant"], float)[samples.row]
+    said = Book(workspace, machine).answered()
     alarms = tuple(
-        NamedAlarm(alarm_id(machine, digest, a), a, _likeness(a, residuals, rows, signals)) for a in verdict.alarms
+        NamedAlarm(name, a, _likeness(a, residuals, rows, signals), said.get(name, ""))
+        for a in verdict.alarms
+        for name in [alarm_id(machine, digest, a)]
     )
     if verdict.judged < 0.995:
         notes.append(

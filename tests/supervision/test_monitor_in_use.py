@@ -107,7 +107,8 @@ def test_a_true_alarm_leaves_its_samples_out_of_the_next_training_set_and_only_t
     _call("monitor", "answer", name, "--false", "--by", "ann", "--reason", "tool was new", "-w", plant / "ws")
     assert len(samples_of(workspace, digest)) == len(rows)
     assert workspace.run_key(MACHINE, [digest]) == key
-    _call("monitor", "answer", name, "--true", "--by", "ann", "--reason", "insert was chipped", "-w", plant / "ws")
+    call = ["monitor", "answer", name, "--true", "--by", "ann", "--reason", "insert was chipped", "-w", plant / "ws"]
+    assert "part IMP-01, axis x" in _call(*call)
     left = samples_of(workspace, digest)
     gone = np.setdiff1d(rows.row, left.row)
     assert gone.tolist() == rows.row[100:161].tolist()
@@ -204,3 +205,12 @@ def test_the_page_of_a_judged_part_is_small_shows_its_alarms_and_does_not_run_wh
     assert len(html.encode()) < 3e6
     assert judgement.alarms[0].id in html
     assert NO_SAFETY_STOP in html.replace("&#39;", "'")
+
+
+def test_what_was_said_of_an_alarm_stands_beside_it(plant):
+    call = ["monitor", plant / "bad", "-w", plant / "ws"]
+    name = json.loads(_call(*call, "--json"))["alarms"][0]["id"]
+    _call("monitor", "answer", name, "--true", "--by", "ann", "--reason", "insert was chipped", "-w", plant / "ws")
+    (line,) = [line for line in _call(*call).splitlines() if name in line]
+    assert line.endswith("(true alarm, says ann)")
+    assert json.loads(_call(*call, "--json"))["answered"] == {name: "true alarm, says ann"}
