@@ -43,7 +43,10 @@ def recognise(path: Path) -> Reader:
 
 
 def _saved_otherwise(path: Path) -> str:
-    """What to do where a program on the way has saved a table in its own manner."""
+    """What to do with a folder of recordings, or where a program on the way has saved a table in its own manner."""
+    if path.is_dir():
+        held = sum(any(reader.recognises(each) for reader in READERS) for each in path.iterdir())
+        return f"The folder holds recordings, {held} of them: give each, as in '{path}/*'. " if held else ""
     start = head(path, 65536)
     if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "Its text is UTF-16: save it as UTF-8. "

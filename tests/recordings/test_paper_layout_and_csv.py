@@ -141,3 +141,12 @@ def test_a_table_that_a_spreadsheet_saved_in_its_own_manner_is_told_how_to_expor
     path.write_bytes(saved(",pos_x,v_x,curr_x\n" + "\n".join(f"{k},{k * 0.1:.1f},0.0,1.0" for k in range(50))))
     with pytest.raises(RecordingError, match=advice):
         read_recording(path)
+
+
+def test_a_folder_of_recordings_is_told_to_name_each(tmp_path):
+    (tmp_path / "a.csv").write_text(
+        ",pos_x,v_x,a_x,curr_x\n" + "\n".join(f"{k},{k * 0.1:.1f},0.0,0.0,1.0" for k in range(50))
+    )
+    (tmp_path / "notes.txt").write_text("first week")
+    with pytest.raises(RecordingError, match=r"holds recordings, 1 of them: give each"):
+        read_recording(tmp_path)
