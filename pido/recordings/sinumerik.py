@@ -4,15 +4,17 @@ In:  one .json file. The header lists the signals of HFData rows; the payload is
 Out: a Recording: positions and currents of the axes by their header names, `nc_line` (number of the NC block in
      order of first appearance) and `tool_id` from HFBlockEvent, time from the sample counter.
 
-Messages are read one line at a time, so that never more than one message exists as Python numbers; where a file is
-laid out otherwise it is read whole. Unknown keys of the payload are counted and noted, not refused.
+Messages are read one line at a time, rows of numbers straight into arrays (`pido.recordings.numbers`), the rest and all
+that is not in order by a general parser; where a file is laid out otherwise it is read whole. Unknown keys of the
+payload are counted and noted, not refused.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
+from functools import partial
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
@@ -45,7 +47,7 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
     with path.open("rb") as file:
         if (front := _front(file)) is not None:
             try:
-                return _recording(front[0], _lines(front[1], file), path, machine, channels)
+                return _recording(front[0], partial(_lines, front[1], file), path, machine, channels)
             except _OtherLayout:
                 pass  # valid JSON may be laid out otherwise; the parser of the whole file knows, and where it is cut
     whole = _whole(path.read_bytes().removeprefix(b"\xef\xbb\xbf"), path)
@@ -53,7 +55,7 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
         raise RecordingError(
             f"{path}: a capture has 'Header' and a list 'Payload'; this JSON has not. Export it again."
         )
-    return _recording(whole["Header"], iter(whole["Payload"]), path, machine, channels)
+    return _recording(whole["Header"], lambda *_: iter(whole["Payload"]), path, machine, channels)
 
 
 class _OtherLayout(Exception):
@@ -62,25 +64,26 @@ class _OtherLayout(Exception):
 
 def _recording(
     header: dict[str, Any],
-    messages: Iterator[dict[str, Any]],
+    messages: Callable[[int, list[int]], Iterator[dict[str, Any]]],
     path: Path,
     machine: str | None,
     channels: Mapping[str, str],
 ) -> Recording:
+    """From the messages that `messages(number of signals, those wanted)` yields."""
     signals = _signal_list(header, path)
     counter_at = next((i for i, s in enumerate(signals) if s.upper() == "CYCLE"), None)
     if counter_at is None:
         raise RecordingError(f"{path}: the signal list has no CYCLE; without the sample counter there is no time base.")
     columns, notes = wanted_signals({n: a for n, a in signals.items() if n.upper() != "CYCLE"}, channels, path)
     names = list(signals)
-    take = itemgetter(counter_at, *(names.index(signal) for signal in columns.values()))
+    wanted = [counter_at, *(names.index(signal) for signal in columns.values())]
     blocks: list[Float2D] = []
     events: dict[str, list[dict[str, Any]]] = {"HFBlockEvent": [], "HFTimestamp": []}
     unknown: Counter[str] = Counter()
-    for message in messages:
+    for message in messages(len(names), wanted):
         for group, content in message.items():
             if group == "HFData":
-                blocks.append(_rows(content, take, len(names), path))
+                blocks.append(_rows(content, wanted, len(names), path))
             elif group in events:
                 events[group].extend(content if isinstance(content, list) else [content])
             elif group not in _KNOWN:
@@ -131,14 +134,22 @@ def _whole(data: bytes, path: Path) -> Any:
         ) from None
 
 
-def _lines(first: bytes, file: BinaryIO) -> Iterator[dict[str, Any]]:
-    """The messages of the payload, one per line. Raises _OtherLayout at the first line that is none."""
+def _lines(first: bytes, file: BinaryIO, width: int, wanted: list[int]) -> Iterator[dict[str, Any]]:
+    """The messages of the payload, one per line; rows of `width` numbers as an array of the columns wanted.
+
+    Raises _OtherLayout at the first line that is no message.
+    """
+    from pido.recordings import numbers  # compiled: not for those who only ask which formats there are
+
     for text in chain((first,), file):
         line = text.rstrip(b", \t\r\n").lstrip()
         if not line:
             continue
         if line == b"]" or line.startswith((b"],", b"]}")):
             return
+        if (table := numbers.table(line, width, wanted)) is not None:
+            yield {"HFData": table}
+            continue
         last = False
         try:
             message = orjson.loads(line)
@@ -169,11 +180,14 @@ def _signal_list(header: Mapping[str, Any], path: Path) -> dict[str, str]:
     return signals
 
 
-def _rows(content: Any, take: itemgetter[Any], width: int, path: Path) -> Float2D:
+def _rows(content: Any, wanted: list[int], width: int, path: Path) -> Float2D:
+    if isinstance(content, np.ndarray):
+        return content
     if not isinstance(content, list):
         raise RecordingError(f"{path}: HFData is not a list of rows. Export it again.")
     if not content:
-        return np.empty((0, len(take(range(width)))))
+        return np.empty((0, len(wanted)))
+    take = itemgetter(*wanted)
     try:
         if set(map(len, content)) != {width}:
             raise IndexError
