@@ -15,7 +15,6 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,7 @@ from pido.core.arrays import Float2D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
-from pido.core.files import write_atomically
 from pido.core.machining import Machine
-from pido.core.names import file_name
 from pido.core.samples import Samples
 from pido.diagnosis.contract import read_model
 from pido.diagnosis.models import axis_models
@@ -35,6 +32,8 @@ from pido.diagnosis.pair import pair_of
 from pido.diagnosis.state import AxisState, Motion
 from pido.diagnosis.terms import Term
 from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
+from pido.physics_journal import Entry, in_force, journal, utc_now, write
+from pido.tracking.promotion import check_person
 from pido.workspace import Workspace
 
 INSTANT = (
@@ -78,28 +77,13 @@ class AcceptedTerm:
         return self.term.of_part(_state(samples, self.axis, self.bands)).T
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A line of the journal. action : 'accept' or 'revoke'; id : the same finding has the same one."""
-
-    version: int
-    action: str
-    id: str
-    axis: str
-    mechanism: str
-    by: str
-    reason: str
-    at: str
-    term: dict[str, Any]
-    equation: str
-    model: str  # SHA-256 of the model.json that it comes from
-
-
 def accept(workspace: Workspace, machine: str, folder: Path, number: int, *, by: str, reason: str) -> Entry:
     """Accept finding `number` (from 1, as in diagnosis.json). What is in force already stays as it is.
 
-    Raises DiagnosisError for a finding that is not there or cannot extend an equation.
+    Raises DiagnosisError for a finding that is not there or cannot extend an equation, RegistryError without a name and
+    a reason, or without the credential that approval asks for: it decides what the next models learn from.
     """
+    check_person(workspace, by, reason)
     term, about, digest = _finding(folder, number)
     id = hashlib.sha256(json.dumps([about["axis"], term], sort_keys=True).encode()).hexdigest()[:8]
     with workspace.lock(machine):
@@ -108,15 +92,16 @@ def accept(workspace: Workspace, machine: str, folder: Path, number: int, *, by:
         if there is not None:
             return there
         entry = Entry(
-            len(entries) + 1, "accept", id, about["axis"], about["mechanism"], by, reason, _now(), term,
+            len(entries) + 1, "accept", id, about["axis"], about["mechanism"], by, reason, utc_now(), term,
             about["equation"], digest,
         )  # fmt: skip
-        _write(workspace, machine, [*entries, entry])
+        write(workspace, machine, [*entries, entry])
     return entry
 
 
 def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str) -> Entry:
-    """Take a finding out of force. RegistryError lists what is in force where `id` is not."""
+    """Take a finding out of force. RegistryError lists what is in force where `id` is not; and as of `accept`."""
+    check_person(workspace, by, reason)
     with workspace.lock(machine):
         entries = journal(workspace, machine)
         now = in_force(entries)
@@ -124,26 +109,9 @@ def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str)
         if found is None:
             known = ", ".join(f"{e.id} ({e.axis} {e.mechanism})" for e in now) or "nothing"
             raise RegistryError(f"machine '{machine}': '{id}' is not in force; in force: {known}.")
-        entry = replace(found, version=len(entries) + 1, action="revoke", by=by, reason=reason, at=_now())
-        _write(workspace, machine, [*entries, entry])
+        entry = replace(found, version=len(entries) + 1, action="revoke", by=by, reason=reason, at=utc_now())
+        write(workspace, machine, [*entries, entry])
     return entry
-
-
-def journal(workspace: Workspace, machine: str) -> list[Entry]:
-    """All that was ever accepted and revoked, oldest first."""
-    try:
-        lines = _path(workspace, machine).read_text(encoding="utf-8").splitlines()
-        return [Entry(**json.loads(line)) for line in lines]
-    except FileNotFoundError:
-        return []
-    except (ValueError, TypeError):
-        raise RegistryError(f"{_path(workspace, machine)}: unreadable; bring it back from a backup.") from None
-
-
-def in_force(entries: Sequence[Entry]) -> list[Entry]:
-    """What was accepted and not revoked since, oldest first."""
-    last = {e.id: e for e in entries}
-    return sorted((e for e in last.values() if e.action == "accept"), key=lambda e: e.version)
 
 
 def terms(workspace: Workspace, machine: Machine) -> tuple[tuple[AcceptedTerm, int], ...]:
@@ -217,16 +185,3 @@ def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:
         m_sp=get["m_sp_sim"], mrr=get["mrr_sim"], ar=samples.ar, engaged=get["mrr_sim"] > 0,
         usable=np.ones(n, bool),
     )  # fmt: skip
-
-
-def _path(workspace: Workspace, machine: str) -> Path:
-    return workspace.registry / f"{file_name(machine)}-physics.jsonl"
-
-
-def _write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:
-    lines = [json.dumps(e.__dict__, sort_keys=True) for e in entries]
-    write_atomically(_path(workspace, machine), "\n".join(lines) + "\n")
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

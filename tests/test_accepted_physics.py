@@ -1,5 +1,6 @@
 """A finding that somebody accepts is in the equation of the next iterations, and out of it when it is revoked."""
 
+import hashlib
 import itertools
 import json
 
@@ -15,7 +16,9 @@ from pido.equations.fit import fit_global
 from pido.equations.terms import PAPER
 from pido.files import equations as equation_files
 from pido.iteration import Recipe, refit
+from pido.physics_journal import journal
 from pido.sampling.method import PAPER_METHOD
+from pido.tracking.promotion import TOKEN
 from pido.workspace import Workspace
 
 MACHINE = config.machine("dmc60h")
@@ -95,7 +98,7 @@ def test_a_state_is_known_by_the_physics_in_force(tmp_path):
     assert same == entry
     assert with_it != before == place.run_key(MACHINE.id, ["p"])
     assert place.run_key("another", ["p"]) != before
-    assert [(e.version, e.action) for e in accepted.journal(place, MACHINE.id)] == [(1, "accept"), (2, "revoke")]
+    assert [(e.version, e.action) for e in journal(place, MACHINE.id)] == [(1, "accept"), (2, "revoke")]
     assert accepted.terms(place, MACHINE) == ()
 
 
@@ -114,3 +117,17 @@ def test_what_rows_cannot_know_or_is_no_physics_is_refused_with_a_way_out(tmp_pa
         accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 2, by="A", reason="r")
     with pytest.raises(RegistryError, match="in force: nothing"):
         accepted.revoke(place, MACHINE.id, "00", by="A", reason="r")
+
+
+def test_who_decides_has_a_name_and_the_credential_that_approval_asks_for(tmp_path, monkeypatch):
+    place = Workspace.open(tmp_path / "plant", approval_token_sha256=hashlib.sha256(b"secret").hexdigest())
+    for by, token in (("", "secret"), ("A", ""), ("A", "guessed")):
+        monkeypatch.setenv(TOKEN, token)
+        with pytest.raises(RegistryError, match=r"--by|credential"):
+            accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by=by, reason="seen")
+    assert journal(place, MACHINE.id) == []
+    monkeypatch.setenv(TOKEN, "secret")
+    entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    monkeypatch.setenv(TOKEN, "")
+    with pytest.raises(RegistryError, match="credential"):
+        accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="seen")

@@ -94,6 +94,8 @@ def _say(answer: dict[str, Any], as_json: bool) -> None:
         click.echo(f"  gate: {one['gate']['words']}")
     if answer["known"]:
         click.echo(f"{answer['known']} part(s) known already: nothing to do")
+    if not (answer["done"] or answer["known"] or answer["rejected"]):
+        click.echo("nothing new since the last training: nothing to do")
     for one in answer["rejected"]:
         click.echo(f"rejected {one['path']}: {one['reason']}", err=True)
     if answer.get("fault"):

@@ -15,13 +15,14 @@ from pido.cli.places import existing, workspace_option
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")
 @click.option("--history", is_flag=True, help="also every decision in the audit log")
 def command(folder: Path, as_json: bool, history: bool) -> None:
-    """Champion and challenger of each machine, the gate's words, and arrivals that were rejected.
+    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that were rejected.
 
     \b
     pido status --workspace plant --history
     """
     from dataclasses import asdict
 
+    from pido.physics_journal import in_force, journal
     from pido.tracking import promotion
     from pido.tracking.ledger import Ledger
 
@@ -32,6 +33,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             machine: {
                 "parts": len(ledger.parts(machine)),
                 "versions": [{**asdict(s.version), "state": s.state} for s in promotion.standings(workspace, machine)],
+                "physics": [asdict(e) for e in in_force(journal(workspace, machine))],
+                "physics_decisions": [asdict(e) for e in journal(workspace, machine)],
                 "decisions": [asdict(r) for r in promotion.history(workspace, machine)],
             }
             for machine in ledger.machines()
@@ -48,9 +51,14 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             if v["state"] != "superseded":
                 gate = "gate passed" if v["gate"].get("passed") else "gate not passed"
                 click.echo(f"  version {v['version']:>3}  {v['state']:<15} {gate}: {v['gate'].get('words', '')}")
+        for e in state["physics"]:
+            about = f"{e['axis']} {e['mechanism']} extends the equation"
+            click.echo(f"  physics {e['id']}  {about} ({e['by']}: {e['reason']})")
         if history:
-            for r in state["decisions"]:
-                click.echo(f"  {r['at']}  {r['action']} {r['version']} by {r['by']}: {r['reason']}")
+            decided = [(r["at"], f"{r['action']} {r['version']}", r) for r in state["decisions"]]
+            decided += [(e["at"], f"{e['action']} physics {e['id']}", e) for e in state["physics_decisions"]]
+            for at, what, who in sorted(decided, key=lambda d: d[0]):
+                click.echo(f"  {at}  {what} by {who['by']}: {who['reason']}")
     if not answer["machines"]:
         click.echo("no iteration yet")
     for a in answer["rejected"]:

@@ -1,0 +1,68 @@
+"""The journal of accepted physics: every acceptance and revocation of a finding, one JSON line each.
+
+In:  a workspace and a machine.
+Out: entries, and which of them are in force. What a term is, `pido.accepted` knows.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pido.core.errors import RegistryError
+from pido.core.files import write_atomically
+from pido.core.names import file_name
+from pido.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the journal. action : 'accept' or 'revoke'; id : the same finding has the same one."""
+
+    version: int
+    action: str
+    id: str
+    axis: str
+    mechanism: str
+    by: str
+    reason: str
+    at: str
+    term: dict[str, Any]
+    equation: str
+    model: str  # SHA-256 of the model.json that it comes from
+
+
+def journal(workspace: Workspace, machine: str) -> list[Entry]:
+    """All that was ever accepted and revoked, oldest first."""
+    try:
+        lines = _path(workspace, machine).read_text(encoding="utf-8").splitlines()
+        return [Entry(**json.loads(line)) for line in lines]
+    except FileNotFoundError:
+        return []
+    except (ValueError, TypeError):
+        raise RegistryError(f"{_path(workspace, machine)}: unreadable; bring it back from a backup.") from None
+
+
+def in_force(entries: Sequence[Entry]) -> list[Entry]:
+    """What was accepted and not revoked since, oldest first."""
+    last = {e.id: e for e in entries}
+    return sorted((e for e in last.values() if e.action == "accept"), key=lambda e: e.version)
+
+
+def write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:
+    """All entries, oldest first; the caller holds the machine's lock."""
+    lines = [json.dumps(asdict(e), sort_keys=True) for e in entries]
+    write_atomically(_path(workspace, machine), "\n".join(lines) + "\n")
+
+
+def utc_now() -> str:
+    """UTC, as entries carry it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _path(workspace: Workspace, machine: str) -> Path:
+    return workspace.registry / f"{file_name(machine)}-physics.jsonl"
