@@ -10,12 +10,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 from pido.core.errors import RegistryError
 from pido.core.files import write_atomically
-from pido.core.names import file_name
 from pido.workspace import Workspace
 
 
@@ -39,12 +37,12 @@ class Entry:
 def journal(workspace: Workspace, machine: str) -> list[Entry]:
     """All that was ever accepted and revoked, oldest first."""
     try:
-        lines = _path(workspace, machine).read_text(encoding="utf-8").splitlines()
+        lines = workspace.physics_journal(machine).read_text(encoding="utf-8").splitlines()
         return [Entry(**json.loads(line)) for line in lines]
     except FileNotFoundError:
         return []
     except (ValueError, TypeError):
-        raise RegistryError(f"{_path(workspace, machine)}: unreadable; bring it back from a backup.") from None
+        raise RegistryError(f"{workspace.physics_journal(machine)}: unreadable; bring it back from a backup.") from None
 
 
 def in_force(entries: Sequence[Entry]) -> list[Entry]:
@@ -56,13 +54,9 @@ def in_force(entries: Sequence[Entry]) -> list[Entry]:
 def write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:
     """All entries, oldest first; the caller holds the machine's lock."""
     lines = [json.dumps(asdict(e), sort_keys=True) for e in entries]
-    write_atomically(_path(workspace, machine), "\n".join(lines) + "\n")
+    write_atomically(workspace.physics_journal(machine), "\n".join(lines) + "\n")
 
 
 def utc_now() -> str:
     """UTC, as entries carry it."""
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def _path(workspace: Workspace, machine: str) -> Path:
-    return workspace.registry / f"{file_name(machine)}-physics.jsonl"

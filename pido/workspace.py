@@ -224,9 +224,13 @@ class Workspace:
         except FileNotFoundError:
             return {}
 
+    def physics_journal(self, machine: str) -> Path:
+        """The file that `pido.physics_journal` keeps."""
+        return self.registry / f"{file_name(machine)}-physics.jsonl"
+
     def physics_digest(self, machine: str) -> str:
         """Of the accepted physics of a machine (`pido.accepted`), '' where none is in force."""
-        journal = self.registry / f"{file_name(machine)}-physics.jsonl"
+        journal = self.physics_journal(machine)
         if not journal.exists():
             return ""
         last = {entry["id"]: entry for entry in map(json.loads, journal.read_text(encoding="utf-8").splitlines())}
