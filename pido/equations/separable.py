@@ -46,27 +46,25 @@ class Columns:
         """Largest way from a cell to its column or slab, mm/s."""
         return float(max(np.abs(self.to_x).max(), np.abs(self.to_y).max()))
 
-    def operations(self, centres: Float2D) -> float:
+    def operations(self, centres: Float2D) -> int:
         """What `sums` takes, beside cells times bins of the direct way."""
-        aligned = len(np.unique(centres[:, 2]))
-        pairs = len(np.unique(centres[:, 1:], axis=0))
-        return 3 * len(self.z) * aligned + 3 * len(self.y) * pairs + 2 * len(self.x) * len(centres)
+        return self._operations(_Bins(centres))
+
+    def _operations(self, bins: _Bins) -> int:
+        return 3 * len(self.z) * len(bins.heights) + 3 * len(self.y) * bins.pairs + 2 * len(self.x) * len(bins.x)
 
     def sums(self, centres: Float2D, kernel: Kernel) -> WeightedSums:
         """Sums without beta's share: (b, k), and of the counts under the weight and its square."""
-        counted = np.column_stack([self.rows, self.counts])
-        whole = self._under(centres, counted, kernel)
-        squared = self._under(centres, self.counts[:, None], Kernel(kernel.alpha, 0.0, kernel.sigma / np.sqrt(2)))
+        counted, bins = np.column_stack([self.rows, self.counts]), _Bins(centres)
+        whole = self._under(bins, counted, kernel)
+        squared = self._under(bins, self.counts[:, None], Kernel(kernel.alpha, 0.0, kernel.sigma / np.sqrt(2)))
         return WeightedSums(whole[:, :-1], whole[:, -1], squared[:, 0])
 
-    def _under(self, centres: Float2D, rows: Float2D, kernel: Kernel) -> Float2D:
-        order = np.lexsort((centres[:, 0], centres[:, 1], centres[:, 2]))
-        x, y, z = np.ascontiguousarray(centres[order].T) / kernel.sigma
-        heights, level = np.unique(z, return_index=True)
-        level = np.r_[level, len(z)]
+    def _under(self, bins: _Bins, rows: Float2D, kernel: Kernel) -> Float2D:
+        x, y, heights, level = bins.x / kernel.sigma, bins.y / kernel.sigma, bins.heights / kernel.sigma, bins.level
         many = max(1, _CHUNK // (3 * len(self.y) * rows.shape[1]))
         at_x, at_y, to_x, to_y = (v / kernel.sigma for v in (self.x, self.y, self.to_x, self.to_y))
-        out = np.empty((len(z), rows.shape[1]))
+        out = np.empty((len(x), rows.shape[1]))
 
         def work(start: int) -> None:
             stop = min(start + many, len(heights))
@@ -77,14 +75,27 @@ class Columns:
             columns = np.empty((stop - start, 3, len(self.y), rows.shape[1]))
             _over_cells(left, rows, self.column_starts, columns.reshape(-1, len(self.y), rows.shape[1]))
             for k in range(start, stop):
-                bins = slice(int(level[k]), int(level[k + 1]))
-                _over_columns(columns[k - start], at_x, at_y, self.slab_starts, x[bins], y[bins], out[bins])
+                here = slice(int(level[k]), int(level[k + 1]))
+                _over_columns(columns[k - start], at_x, at_y, self.slab_starts, x[here], y[here], out[here])
 
-        size = int(self.operations(centres)) * rows.shape[1]
-        in_threads(work, range(0, len(heights), many), size=size)
+        in_threads(work, range(0, len(heights), many), size=self._operations(bins) * rows.shape[1])
         result = np.empty_like(out)
-        result[order] = out
+        result[bins.order] = out
         return result
+
+
+class _Bins:
+    """Centres in the order of AR, v_y, v_x.
+
+    heights : (m,) – each AR once; level : (m + 1,) – where its bins begin; pairs : how many (AR, v_y) there are
+    """
+
+    def __init__(self, centres: Float2D) -> None:
+        self.order = np.lexsort((centres[:, 0], centres[:, 1], centres[:, 2]))
+        self.x, self.y, z = np.ascontiguousarray(centres[self.order].T)
+        higher = np.r_[True, z[1:] != z[:-1]]
+        self.heights, self.level = z[higher], np.r_[np.flatnonzero(higher), len(z)]
+        self.pairs = int((higher[1:] | (self.y[1:] != self.y[:-1])).sum()) + 1
 
 
 def _middles(values: Float1D, counts: Float1D, starts: Int1D) -> tuple[Float1D, Float1D]:

@@ -53,86 +53,103 @@ def solve(weighted: WeightedSums, keep: Bool1D, constant: int, floor: float, aro
 
     around : (axes, p) – coefficients (of the global equation) that `moved` is measured from
     """
-    p = len(keep)
-    gram, right, square = unpack(weighted.sums / weighted.total[:, None], p)
-    right = np.ascontiguousarray(right)
+    p, b = len(keep), len(weighted.total)
+    axes = weighted.sums.shape[1] // (p + 1) - p // 2  # of p (p + 1) / 2 + axes (p + 1) entries
+    around = np.zeros((axes, p)) if around is None else np.ascontiguousarray(around)
     ridge = np.full(p, floor**2)
     ridge[constant] = 0.0
-    coefficients, factor = np.zeros_like(right), np.zeros_like(gram)
-    rank = np.zeros(len(gram), np.int64)
+    coefficients, factor = np.zeros((b, axes, p)), np.zeros((b, p, p))
+    rank, residual, moved = np.zeros(b, np.int64), np.empty((b, axes)), np.empty((b, axes))
     # kept columns first: their part of the factor solves the fit, and the whole of it is the leverage, so that a row
     # which moves a column that no sample moved has next to no support
     columns = np.r_[np.flatnonzero(keep), np.flatnonzero(~keep)]
-    half = -(-len(gram) // 2)
+    half = -(-b // 2)
     in_threads(
         lambda rows: _solve(
-            gram[rows], right[rows], ridge, columns, int(keep.sum()), coefficients[rows], factor[rows], rank[rows]
+            weighted.sums[rows], weighted.total[rows], ridge, columns, int(keep.sum()), around,
+            coefficients[rows], factor[rows], rank[rows], residual[rows], moved[rows],
         ),
         [slice(0, half), slice(half, None)],
-        size=len(gram) * p**3,
-    )
+        size=b * p**3,
+    )  # fmt: skip
     effective = weighted.total**2 / weighted.squared
-    fitted = np.matmul(coefficients, gram)
-    residual = square - 2 * (coefficients * right).sum(axis=2) + (coefficients * fitted).sum(axis=2)
     spare = np.maximum(effective - rank, 1.0)
     noise = np.sqrt(np.maximum(residual, 0.0) * (effective / spare)[:, None])
-    away = coefficients - (0.0 if around is None else around)
-    moved = (away * np.matmul(away, gram)).sum(axis=2)
     return Solution(coefficients, factor, rank, effective, noise, moved)
 
 
 @numba.njit(nogil=True, cache=True)
-def _solve(gram, right, ridge, columns, kept, coefficients, factor, rank):
-    m, axes = len(columns), right.shape[1]
-    for b in range(gram.shape[0]):
-        # equilibrated to a unit diagonal: pivots are then shares of a column that the columns before do not explain
-        d, low = np.empty(m), np.zeros((m, m))
+def _solve(sums, total, ridge, columns, kept, around, coefficients, factor, rank, residual, moved):
+    m, axes = len(columns), len(around)
+    gram, right, square = np.empty((m, m)), np.empty((axes, m)), np.empty(axes)
+    # up[k, i] is the Cholesky factor's entry (i, k), inverse[i, k] that of its inverse: the innermost loops run along
+    # memory, and each sum is taken in the order of k
+    d, up, inverse, rest, y = np.empty(m), np.empty((m, m)), np.empty((m, m)), np.empty(m), np.empty(m)
+    for b in range(len(sums)):
+        packed = 0
         for i in range(m):
-            size = gram[b, columns[i], columns[i]] + ridge[columns[i]]
+            for j in range(i, m):
+                gram[i, j] = gram[j, i] = sums[b, packed] / total[b]
+                packed += 1
+        for a in range(axes):
+            for i in range(m):
+                right[a, i] = sums[b, packed] / total[b]
+                packed += 1
+        for a in range(axes):
+            square[a] = sums[b, packed + a] / total[b]
+        # equilibrated to a unit diagonal: pivots are then shares of a column that the columns before do not explain
+        for i in range(m):
+            size = gram[columns[i], columns[i]] + ridge[columns[i]]
             d[i] = 1.0 / np.sqrt(size) if size > 0.0 else 0.0
+        up[:] = 0.0
         for j in range(m):
             pivot = 1.0 if d[j] > 0.0 else 0.0
             for k in range(j):
-                pivot -= low[j, k] ** 2
+                pivot -= up[k, j] ** 2
             share = ridge[columns[j]] * d[j] ** 2
             if j < kept and pivot > 4.0 * share and pivot > 1e-11:
                 rank[b] += 1
             if pivot <= 1e-14:  # explained to rounding, and not even the ridge tells: leave the column out
-                low[j, j] = 0.0
                 continue
-            low[j, j] = np.sqrt(pivot)
             for i in range(j + 1, m):
-                s = gram[b, columns[i], columns[j]] * d[i] * d[j]
-                for k in range(j):
-                    s -= low[i, k] * low[j, k]
-                low[i, j] = s / low[j, j]
+                rest[i] = gram[columns[i], columns[j]] * d[i] * d[j]
+            for k in range(j):
+                for i in range(j + 1, m):
+                    rest[i] -= up[k, i] * up[k, j]
+            up[j, j] = np.sqrt(pivot)
+            for i in range(j + 1, m):
+                up[j, i] = rest[i] / up[j, j]
         for a in range(axes):
-            y = np.zeros(kept)
             for i in range(kept):
-                if low[i, i] > 0.0:
-                    s = right[b, a, columns[i]] * d[i]
-                    for k in range(i):
-                        s -= low[i, k] * y[k]
-                    y[i] = s / low[i, i]
+                y[i] = right[a, columns[i]] * d[i]
+            for k in range(kept):
+                y[k] = y[k] / up[k, k] if up[k, k] > 0.0 else 0.0
+                for i in range(k + 1, kept):
+                    y[i] -= up[k, i] * y[k]
             for i in range(kept - 1, -1, -1):
-                if low[i, i] > 0.0:
-                    s = y[i]
-                    for k in range(i + 1, kept):
-                        s -= low[k, i] * y[k]
-                    y[i] = s / low[i, i]
-                else:
-                    y[i] = 0.0
+                s = y[i]
+                for k in range(i + 1, kept):
+                    s -= up[i, k] * y[k]
+                y[i] = s / up[i, i] if up[i, i] > 0.0 else 0.0
                 coefficients[b, a, columns[i]] = y[i] * d[i]
-        for j in range(m):  # inverse of the factor, column by column
-            if low[j, j] == 0.0:
+            c, error, away = coefficients[b, a], square[a], 0.0
+            for i in range(m):
+                fitted, beside = 0.0, 0.0
+                for j in range(m):
+                    fitted += gram[i, j] * c[j]
+                    beside += gram[i, j] * (c[j] - around[a, j])
+                error += c[i] * (fitted - 2.0 * right[a, i])
+                away += (c[i] - around[a, i]) * beside
+            residual[b, a], moved[b, a] = error, away
+        for i in range(m):  # inverse of the factor, row by row
+            inverse[i] = 0.0
+            if up[i, i] == 0.0:
                 continue
-            f = np.zeros(m)
-            f[j] = 1.0 / low[j, j]
-            for i in range(j + 1, m):
-                if low[i, i] > 0.0:
-                    s = 0.0
-                    for k in range(j, i):
-                        s -= low[i, k] * f[k]
-                    f[i] = s / low[i, i]
-            for i in range(j, m):
-                factor[b, columns[i], columns[j]] = f[i] * d[j]
+            for k in range(i):
+                for j in range(k + 1):
+                    inverse[i, j] -= up[k, i] * inverse[k, j]
+            for j in range(i):
+                inverse[i, j] /= up[i, i]
+            inverse[i, i] = 1.0 / up[i, i]
+            for j in range(i + 1):
+                factor[b, columns[i], columns[j]] = inverse[i, j] * d[j]
