@@ -80,9 +80,11 @@ def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[st
         write_atomically(folder / "of.json", json.dumps(found, sort_keys=True))
     if found["fault"]:
         get_run_logger().warning("MLflow has not got the diagnosis (%s); the next one brings it", found["fault"])
-    create_markdown_artifact(key="diagnosis", markdown=page(machine, found, folder), description=machine)
+    about = f"{_plain(machine)}: {len(found['lines'])} finding(s) in {len(found['parts'])} part(s)"
+    create_markdown_artifact(key="diagnosis", markdown=page(machine, found, folder), description=about)
     if link:
-        create_link_artifact(key="diagnosis-report", link=link, link_text=f"Diagnosis of {machine}")
+        text = f"Diagnosis of {_plain(machine)}"
+        create_link_artifact(key="diagnosis-report", link=link, link_text=text, description=f"[{text}]({link})")
     return found
 
 

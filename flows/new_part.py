@@ -102,11 +102,19 @@ def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
     if due(workspace, machine) and (fault := ask_diagnosis(workspace, machine)):
         logger.warning("no diagnosis: %s", fault)
     outcome = production.outcome(workspace, key)
-    create_markdown_artifact(key="iteration", markdown=_page(outcome), description=outcome["part"]["name"])
+    create_markdown_artifact(key="iteration", markdown=_page(outcome), description=_headline(outcome))
     return {"machine": machine, "part": outcome["part"]["name"], "version": outcome["version"], "run_key": key}
 
 
+def _headline(outcome: dict[str, Any]) -> str:
+    """What stands over the list of all iterations."""
+    return f"{_name(outcome)}, version {outcome['version']}: {outcome['gate']['words']}"
+
+
 def _page(outcome: dict[str, Any]) -> str:
-    name = outcome["part"]["name"].replace("|", " ").replace("<", "&lt;")
-    head = [f"# {name}: version {outcome['version']}", "", outcome["gate"]["words"], ""]
+    head = [f"# {_name(outcome)}: version {outcome['version']}", "", outcome["gate"]["words"], ""]
     return "\n".join([*head, *markdown(outcome["metrics"])])
+
+
+def _name(outcome: dict[str, Any]) -> str:
+    return outcome["part"]["name"].replace("|", " ").replace("<", "&lt;")

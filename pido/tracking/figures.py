@@ -45,16 +45,19 @@ def _balance(bins: pd.DataFrame) -> Figure:
 def _errors(metrics: dict[str, dict[str, dict[str, float]]]) -> Figure:
     axes = [a for a in AXES if metrics.get(a)]
     figure = Figure(figsize=(max(3.0 * len(axes), 4.0), 3.2), layout="constrained")
+    names = [name for name, _ in _VARIANTS if any(name in metrics[axis] for axis in axes)]
     for place, axis in enumerate(axes, start=1):
         ax = figure.add_subplot(1, len(axes), place)
-        shown = [(name, colour) for name, colour in _VARIANTS if name in metrics[axis]]
-        ax.bar(
-            [name for name, _ in shown],
-            [metrics[axis][name]["rmse"] for name, _ in shown],
-            color=[colour for _, colour in shown],
+        shown = [(names.index(name), name, colour) for name, colour in _VARIANTS if name in metrics[axis]]
+        values = [metrics[axis][name]["rmse"] for _, name, _ in shown]
+        bars = ax.barh([at for at, _, _ in shown], values, color=[colour for _, _, colour in shown])
+        ax.bar_label(bars, fmt="%.3g", fontsize="small", padding=2)
+        ax.margins(x=0.2)
+        ax.set(title=axis, ylim=(len(names) - 0.4, -0.6))
+        ax.set_yticks(
+            range(len(names)), [_WORDS.get(name, name) for name in names] if place == 1 else [""] * len(names)
         )
-        ax.tick_params(axis="x", rotation=60)
-        ax.set(title=axis, ylabel="RMSE on the arriving part in A" if place == 1 else "")
+    figure.supxlabel("RMSE on the arriving part in A", fontsize="medium")
     return figure
 
 

@@ -195,7 +195,10 @@ def _versions(store: MlflowClient, name: str, version: int) -> list[Any]:
 
 
 def _metrics(summary: dict[str, Any]) -> dict[str, float]:
-    """`rmse_x/both` and the like: one group per measure and axis in MLflow's pages, one line per training set."""
+    """`rmse_x/both` and the like: one group per measure and axis in MLflow's pages, one line per training set.
+
+    RMSE of what was delivered comes first: MLflow shows metrics, and compares runs by the first, in this order.
+    """
     values = {
         f"{measure}_{axis}/{name}": value
         for axis in AXES
@@ -207,7 +210,8 @@ def _metrics(summary: dict[str, Any]) -> dict[str, float]:
     values |= {f"seconds/{name}": s for name, s in summary["seconds"].items()}
     for axis, error in summary.get("physics", {}).get("held_out", {}).items():
         values |= {f"accepted_physics_{axis}/{which}": rmse for which, rmse in error.items()}
-    return {name: float(value) for name, value in values.items() if value is not None}
+    first = sorted(values, key=lambda name: (not name.startswith("rmse_"), not name.endswith("/both")))
+    return {name: float(values[name]) for name in first if values[name] is not None}
 
 
 def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -79,6 +79,49 @@ def test_a_recording_that_cannot_be_used_fails_its_run_and_lies_in_the_rejected_
     assert Ledger(workspace.ledger).machines() == []
 
 
+TWO_AT_A_TIME = """
+import sys
+from pathlib import Path
+from prefect.client.orchestration import get_client
+from prefect.states import Completed, Crashed
+from flows.new_part import new_part
+from pido.arrivals import Arrived
+from pido.cli.watch import _through_prefect
+from pido.workspace import Workspace
+
+new_part.to_deployment("arrivals").apply()
+inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 1.0) for k in range(5)]
+look = _through_prefect(Workspace.open(sys.argv[1]), None)
+with get_client(sync_client=True) as client:
+    def asked():
+        runs = sorted(client.read_flow_runs(), key=lambda run: run.created)
+        return [int(run.parameters["path"][5:]) for run in runs if run.parameters["path"].startswith("part ")]
+    def ends(part, state):
+        runs = [run for run in client.read_flow_runs() if run.parameters["path"] == f"part {part}"]
+        client.set_flow_run_state(runs[-1].id, state, force=True)
+    look(inbox)
+    look(inbox)
+    assert asked() == [0, 1], "two at a time, the first in production order"
+    ends(0, Completed())
+    look(inbox[1:])
+    assert asked() == [0, 1, 2]
+    ends(1, Crashed())
+    look(inbox[1:])
+    assert asked() == [0, 1, 2, 3], "what was asked for before lets the others go first"
+    ends(2, Completed())
+    ends(3, Completed())
+    look([inbox[1], inbox[4]])
+    assert asked() == [0, 1, 2, 3, 4, 1], "a run that was lost is asked for again"
+"""
+
+
+def test_two_arrivals_have_a_run_at_a_time_in_production_order_and_the_others_wait(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    call = [sys.executable, "-c", TWO_AT_A_TIME, str(workspace.root)]
+    done = subprocess.run(call, capture_output=True, text=True, check=False, env=os.environ.copy())
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
 def test_a_server_that_was_started_is_gone_when_its_block_ends(tmp_path):
     from flows.server import answers
 

@@ -78,32 +78,6 @@ def test_an_iteration_does_not_need_anyone_who_diagnoses(workspace, tmp_path):
     assert len(Ledger(workspace.ledger).iterations(MACHINE)) == 1
 
 
-AT_A_TIME = """
-import sys
-from prefect.client.orchestration import get_client
-from prefect.states import Completed
-from flows.new_part import new_part
-from flows.submit import submit
-
-new_part.to_deployment("arrivals").apply()
-asked = lambda: [submit(sys.argv[1], f"part {k}", str(k) * 64, None) for k in range(4)]
-with get_client(sync_client=True) as client:
-    assert asked() == [True, True, False, False]
-    assert asked() == [False] * 4
-    first = next(run for run in client.read_flow_runs() if run.parameters["path"] == "part 0")
-    client.set_flow_run_state(first.id, Completed(), force=True)
-    assert asked() == [True, False, False, False], "the inbox says what is still to be done"
-"""
-
-
-def test_two_arrivals_have_a_run_at_a_time_and_the_next_one_when_one_of_them_has_ended(workspace, tmp_path):
-    # In a process of its own: Prefect keeps the address of the first server that a process has talked to.
-    with prefect_server(tmp_path / "prefect"):
-        call = [sys.executable, "-c", AT_A_TIME, str(workspace.root)]
-        done = subprocess.run(call, capture_output=True, text=True, check=False, env=os.environ.copy())
-    assert done.returncode == 0, done.stderr[-2000:]
-
-
 def test_a_run_without_a_process_is_told_from_one_that_has_one(workspace, tmp_path, monkeypatch):
     with prefect_server(tmp_path / "prefect"):
         from prefect.client.orchestration import get_client

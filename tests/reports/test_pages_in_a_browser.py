@@ -9,7 +9,7 @@ from pido.reports.page import Page, Section, Table, signal_figure, write_page
 
 PAPER_PX = 180 / 25.4 * 96
 """Between the margins of A4, CSS px."""
-pytestmark = [pytest.mark.slow, pytest.mark.browser]
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
