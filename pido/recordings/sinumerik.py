@@ -11,6 +11,8 @@ payload are counted and noted, not refused.
 
 from __future__ import annotations
 
+import os
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
@@ -32,6 +34,8 @@ from pido.recordings.signals import block_index, hold, wanted_signals
 
 _USED = {"HFData", "HFBlockEvent", "HFTimestamp"}
 _KNOWN = _USED | {"HFCallEvent", "LFData", "ExternalData"}
+_WORTH_LOADING = 200_000_000
+"""Bytes from which on compiled code is worth loading, which takes half a second, where the process has none yet."""
 
 
 def _recognises(path: Path) -> bool:
@@ -139,16 +143,17 @@ def _lines(first: bytes, file: BinaryIO, width: int, wanted: list[int]) -> Itera
 
     Raises _OtherLayout at the first line that is no message.
     """
-    from pido.recordings import numbers  # compiled: not for those who only ask which formats there are
-
+    table = None
+    if "numba" in sys.modules or os.fstat(file.fileno()).st_size > _WORTH_LOADING:
+        from pido.recordings.numbers import table
     for text in chain((first,), file):
         line = text.rstrip(b", \t\r\n").lstrip()
         if not line:
             continue
         if line == b"]" or line.startswith((b"],", b"]}")):
             return
-        if (table := numbers.table(line, width, wanted)) is not None:
-            yield {"HFData": table}
+        if table is not None and (rows := table(line, width, wanted)) is not None:
+            yield {"HFData": rows}
             continue
         last = False
         try:
