@@ -15,7 +15,6 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ import orjson
 import pandas as pd
 import pyarrow.csv as pc
 
+from benchmarks.table import alternately, both_clocks
 from pido.recordings import hfdata, sinumerik
 
 AXES = {1: "X1", 2: "Y1", 3: "Z1", 4: "C1", 5: "B1", 6: "SP1"}
@@ -50,9 +50,8 @@ def _capture(folder: Path, mb: float, repeats: int) -> list[dict[str, Any]]:
         "orjson.loads alone": (lambda: orjson.loads(path.read_bytes()), 1.0),
         "without compiled code": (lambda: _without_compiled_code(path), 1.0),
     }
-    times = _alternately(
-        {"ours": lambda: sinumerik.READER.read(path, None, {}), **{k: f for k, (f, _) in peers.items()}}, repeats
-    )
+    ways = {"ours": lambda: sinumerik.READER.read(path, None, {}), **{k: f for k, (f, _) in peers.items()}}
+    times = {name: cpu for name, (_, cpu) in both_clocks(ways, repeats).items()}  # all of them have one thread
     error = float(np.abs(_public_way(path)["CURRENT|2"].to_numpy() - ours).max())
     work = f"SINUMERIK JSON, {path.stat().st_size / 1e6:.0f} MB"
     return [
@@ -85,22 +84,10 @@ def _table(folder: Path, rows: int, repeats: int) -> list[dict[str, Any]]:
         peers["polars, same columns"] = lambda: polars.scan_csv(path).select(needed).collect()
     except ImportError:
         pass  # polars comes with the extra `experiments`; pyarrow is peer enough
-    times = _alternately({"ours": lambda: hfdata.READER.read(path, None, {}), **peers}, repeats)
+    times = alternately({"ours": lambda: hfdata.READER.read(path, None, {}), **peers}, repeats)
     error = float(np.abs(hfdata.READER.read(path, None, {})["curr_y"] - frame["CURRENT|2"].to_numpy()).max())
     work = f"hfdata CSV, {rows} x {len(SIGNALS)}, {len(needed)} columns needed"
     return [{"work": work, "peer": p, "ratio": times[p] / times["ours"], "goal": 0.95, "error": error} for p in peers]
-
-
-def _alternately(ways: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
-    """Median seconds of each way, taken in turn."""
-    taken: dict[str, list[float]] = {name: [] for name in ways}
-    for _ in range(repeats):
-        for name, way in ways.items():
-            begin = time.perf_counter()
-            result = way()
-            taken[name].append(time.perf_counter() - begin)
-            del result  # freeing millions of numbers is the peer's cost too, but not the next one's
-    return {name: float(np.median(seconds)) for name, seconds in taken.items()}
 
 
 def _write_capture(path: Path, mb: float) -> Path:

@@ -34,6 +34,8 @@ from pido.recordings.signals import block_index, hold, wanted_signals
 
 _USED = {"HFData", "HFBlockEvent", "HFTimestamp"}
 _KNOWN = _USED | {"HFCallEvent", "LFData", "ExternalData"}
+_BUFFER = 1 << 20
+"""Bytes read at once: lines are ten times as long as the usual buffer, which would be put together from pieces."""
 _WORTH_LOADING = 200_000_000
 """Bytes from which on compiled code is worth loading, which takes half a second, where the process has none yet."""
 
@@ -48,7 +50,7 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
-    with path.open("rb") as file:
+    with path.open("rb", buffering=_BUFFER) as file:
         if (front := _front(file)) is not None:
             try:
                 return _recording(front[0], partial(_lines, front[1], file), path, machine, channels)
