@@ -101,4 +101,10 @@ def test_a_run_without_a_process_is_told_from_one_that_has_one(workspace, tmp_pa
             states = [client.read_flow_run(run).state.name for run in (dead, alive, starting)]
             assert states == ["Crashed", "Running", "Pending"]
             monkeypatch.setattr(submit, "STARTING", timedelta(0))
-            assert submit.sweep(workspace) == 2
+            slow = run_in(Pending())
+            mark = {"PREFECT__FLOW_RUN_ID": str(slow)}
+            with subprocess.Popen(["sleep", "600"], env=os.environ | mark) as process:
+                assert submit.sweep(workspace) == 2
+                assert client.read_flow_run(slow).state.name == "Pending", "it is still importing"
+                process.kill()
+            assert submit.sweep(workspace) == 1
