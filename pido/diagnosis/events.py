@@ -9,6 +9,7 @@ removed, and the search repeated while the gain pays for two ends and a level.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -19,11 +20,12 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.whiten import Noise
+from pido.diagnosis.whiten import Noise, robust_sd
 
 _BINS = 300  # per part, in which ends of intervals are searched
 _MOST_PER_PART = 4
 _LONGEST_SHARE = 0.6  # of a part: a longer stretch is a level of that part, not an event
+_FEWEST_LIKE = 8  # stretches in the same state, from which it is seen how much their levels scatter anyway
 
 
 @dataclass(frozen=True)
@@ -106,9 +108,8 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
     # A constant c becomes c * (1 - sum of ar) / (level * innovation) once whitened.
     unit = noise.valid * (1 - float(np.sum(noise.ar))) / (noise.level * noise.innovation)
     penalty = charge(mismatch)
-    found: list[tuple[str, float, float]] = []
+    found: list[tuple[int, int, int]] = []
     for p, (i, j) in enumerate(zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True)):
-        time = mismatch.states[p].time
         width = max(1, (j - i) // _BINS)
         bins = np.arange(j - i) // width
         score = np.bincount(bins, residual[i:j] * unit[i:j]).astype(float)
@@ -118,11 +119,36 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
             if best is None or best[2] < penalty:
                 break
             first, last, _, level = best
-            found.append(
-                (mismatch.parts[p], float(time[first * width]), float(time[min(last * width, j - i) - 1]) + 1e-9)
-            )
+            found.append((p, int(i) + first * width, min(int(i) + last * width, int(j))))
             score[first:last] -= level * weight[first:last]
-    return ExternalForce(tuple(found)) if found else None
+    intervals = []
+    for p, first, last in _unlike_others(mismatch, noise, residual, found, float(np.sqrt(penalty))):
+        time, i = mismatch.states[p].time, int(mismatch.edges[p])
+        intervals.append((mismatch.parts[p], float(time[first - i]), float(time[last - 1 - i]) + 1e-9))
+    return ExternalForce(tuple(intervals)) if intervals else None
+
+
+def _unlike_others(
+    mismatch: Mismatch, noise: Noise, residual: Float1D, found: Sequence[tuple[int, int, int]], times: float
+) -> Iterator[tuple[int, int, int]]:
+    """The intervals (part, first row, end) whose level is so many times what levels scatter by in the same state.
+
+    Noise may be slow where an axis stands or the tool is idle, and white elsewhere: one model of it does not see that.
+    """
+    state = np.concatenate(
+        [2 * s.moving + (np.zeros(len(s.time), int) if s.engaged is None else s.engaged) for s in mismatch.states]
+    )
+    for p, first, last in found:
+        same = noise.valid.astype(bool) & (state == np.bincount(state[first:last]).argmax())
+        same[first:last] = False
+        like = residual[same]
+        length = min(last - first, len(like) // _FEWEST_LIKE)
+        if length:
+            levels = like[: len(like) // length * length].reshape(-1, length).mean(axis=1)
+            scatter = robust_sd(levels) * np.sqrt(length / (last - first))
+            if abs(residual[first:last].mean()) <= times * scatter:
+                continue
+        yield p, first, last
 
 
 def charge(mismatch: Mismatch) -> float:

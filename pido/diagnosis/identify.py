@@ -162,7 +162,8 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), in_
 
 
 def seen_slowly(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[list[Term], Noise]:
-    """What a search by averages over the noise's memory finds, where that makes the plain error clearly smaller.
+    """What a search by averages over the noise's memory finds, where it makes the plain error smaller with less, or
+    clearly smaller.
 
     Where no textbook form is quite the machine's, its quick part (how a load rises as the tool enters) is wrong first,
     and weights that whiten listen to nothing else.
@@ -177,9 +178,11 @@ def seen_slowly(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[
     plain = even(mismatch)
     nothing, former, trial = (cross_residual(mismatch, plain, t) ** 2 for t in ((), terms, found))
     more = float(np.sum((former - trial)[mismatch.usable]))
-    if more <= MORE_REMOVED * float(np.sum((nothing - former)[mismatch.usable])):
-        return list(terms), noise
-    return (found, slow) if paired_p(former - trial, mismatch, mismatch.usable) < SIGNIFICANT else (list(terms), noise)
+    clearly = more > MORE_REMOVED * float(np.sum((nothing - former)[mismatch.usable]))
+    simpler = bool(found) and more > 0 and numbers(found) < numbers(terms) + clearly
+    if simpler or (clearly and paired_p(former - trial, mismatch, mismatch.usable) < SIGNIFICANT):
+        return found, slow
+    return list(terms), noise
 
 
 def _supported(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
@@ -239,6 +242,11 @@ def rms_held_out(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> flo
 def plain_error(mismatch: Mismatch, terms: Sequence[Term]) -> float:
     """A, on folds that were not fitted, under ordinary least squares."""
     return rms_held_out(mismatch, even(mismatch), terms)
+
+
+def numbers(terms: Sequence[Term]) -> int:
+    """Amplitudes and shapes."""
+    return sum(len(t.mechanism.amplitudes) + t.free for t in terms)
 
 
 def less_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], share: float) -> bool:

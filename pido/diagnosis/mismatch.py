@@ -124,7 +124,7 @@ def lay_out(
         block=_blocks(thin),
         starts=starts,
         usable=usable,
-        noise_class=np.concatenate([_noise_class(s) for s in thin]),
+        noise_class=_noise_class(thin),
         stride=stride,
     )
 
@@ -188,9 +188,23 @@ def _blocks(states: Sequence[AxisState]) -> Int1D:
     return np.concatenate(out)
 
 
-def _noise_class(state: AxisState) -> Int1D:
-    """0 standstill, 1 motion, 2 change of speed; 3 more where the tool is engaged."""
-    moving = np.asarray(state.moving, bool)
-    hard = np.abs(state.a) > 0.2 * max(1e-12, float(np.nanmax(np.abs(state.a), initial=0.0)))
-    engaged = np.zeros(len(state.time), bool) if state.engaged is None else np.asarray(state.engaged, bool)
-    return np.where(hard, 2, np.where(moving, 1, 0)) + 3 * engaged
+def _noise_class(states: Sequence[AxisState]) -> Int1D:
+    """0 standstill, 1 motion, 2 change of speed; 3 more per quarter of the load of an engaged tool."""
+    moves, loads = [], []
+    for state in states:
+        hard = np.abs(state.a) > 0.2 * max(1e-12, float(np.nanmax(np.abs(state.a), initial=0.0)))
+        moves.append(np.where(hard, 2, np.where(state.moving, 1, 0)))
+        engaged = np.zeros(len(state.time), bool) if state.engaged is None else np.asarray(state.engaged, bool)
+        loads.append(np.where(engaged, _load(state), np.nan))
+    load = np.concatenate(loads)
+    cuts = np.isfinite(load)
+    quarters = np.quantile(load[cuts], [0.25, 0.5, 0.75]) if cuts.any() else np.zeros(3)
+    return np.concatenate(moves) + 3 * np.where(cuts, 1 + np.searchsorted(quarters, load), 0)
+
+
+def _load(state: AxisState) -> Float1D:
+    """(n,) – how hard the tool works: process force, else torque or removal rate; 0 where none is given."""
+    if state.forces:
+        return np.sqrt(np.sum([np.nan_to_num(force) ** 2 for force in state.forces.values()], axis=0))
+    known = next((v for v in (state.force, state.m_sp, state.mrr) if v is not None), np.zeros(len(state.time)))
+    return np.abs(np.nan_to_num(known))

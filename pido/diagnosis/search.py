@@ -167,6 +167,8 @@ def _renamed(
     """`other`, which say the same in better names, where all stand up, or those that leave hardly more error."""
     kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT_NAME)
     holds = kept != terms and (len(kept) == len(other) or _as_good(library.mismatch, kept, terms))
+    if [t.name for t in kept] == [t.name for t in terms]:
+        holds = holds and plain_error(library.mismatch, kept) <= plain_error(library.mismatch, terms)
     return _taken(answer, trial, kept) if holds else terms
 
 

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.dynamics import Lagged, Ringing, remembering
-from pido.diagnosis.identify import less_error, plain_error
+from pido.diagnosis.identify import less_error, numbers, plain_error
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.terms import Term, fit
@@ -89,8 +89,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
 
 def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether at least two terms fewer, with no more numbers, leave less error on unseen folds."""
-    numbers = [sum(len(t.mechanism.amplitudes) + t.free for t in terms) for terms in (few, many)]
-    fewer = len(few) <= len(many) - 2 and numbers[0] <= numbers[1]
+    fewer = len(few) <= len(many) - 2 and numbers(few) <= numbers(many)
     return fewer and plain_error(mismatch, few) < plain_error(mismatch, many)
 
 

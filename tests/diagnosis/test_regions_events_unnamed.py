@@ -14,7 +14,7 @@ from pido.diagnosis.select import MOST_TERMS, Library, basis
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.unnamed import with_unknown
-from pido.diagnosis.whiten import Noise
+from pido.diagnosis.whiten import Noise, estimate_noise
 
 NOISE = 0.05
 VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
@@ -86,6 +86,48 @@ def test_noise_alone_has_no_events_and_no_rhythm():
         mismatch, noise = laid_out(nothing, seed)
         assert find_events(mismatch, noise, mismatch.target / NOISE) is None
         assert find_rhythms(mismatch, noise, mismatch.target / NOISE) == []
+
+
+@pytest.mark.parametrize("level", [0.0, 0.6])
+def test_noise_that_is_slow_at_standstill_makes_no_events_and_hides_no_large_one(level):
+    def rests(recording):
+        t = recording["time"]
+        columns = {name: recording[name] * (t % 8.0 < 4.0 if name == "v_x" else 1.0) for name in recording.columns}
+        return Recording(recording.part, columns)
+
+    rng = np.random.default_rng(3)
+    states = axis_states([rests(r) for r in recordings()], "x")
+    slow = [np.convolve(rng.normal(0, 0.15, len(s.time) + 49), np.ones(50) / np.sqrt(50), "valid") for s in states]
+    event = [level * ((s.part == "p1") & (s.time >= 20.5) & (s.time < 23.5)) for s in states]
+    targets = [
+        rng.normal(0, NOISE, len(s.time)) + e + ~s.moving * w for s, w, e in zip(states, slow, event, strict=True)
+    ]
+    mismatch = lay_out(states, targets)
+    found = find_events(
+        mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable), mismatch.target / NOISE
+    )
+    parts = [part for part, first, last in found.intervals if 20 < first < last < 24] if found else []
+    assert parts == ["p1"] * (level > 0)
+    assert level > 0 or found is None
+
+
+def test_noise_that_grows_with_the_load_has_a_level_per_quarter_of_it():
+    rng = np.random.default_rng(4)
+
+    def cutting(recording):
+        n = len(recording["time"])
+        force = np.repeat(rng.uniform(100.0, 2000.0, n // 50), 50)
+        return Recording(
+            recording.part, {k: recording[k] for k in recording.columns} | {"f_x_sim": force, "mrr_sim": force}
+        )
+
+    states = axis_states([cutting(r) for r in recordings()], "x")
+    mismatch = lay_out(states, [rng.normal(0, 1e-4 * s.force) for s in states])
+    noise = estimate_noise(mismatch.target, mismatch.starts, mismatch.noise_class, mismatch.usable)
+    force = np.concatenate([s.force for s in states])
+    heavy, light = noise.level[force > 1700], noise.level[force < 400]
+    assert np.median(heavy) == pytest.approx(1e-4 * 1750, rel=0.2)
+    assert np.median(light) < 0.3 * np.median(heavy)
 
 
 @pytest.mark.parametrize("period", [0.37, 3.1])
