@@ -128,9 +128,10 @@ def iterate(
         before, path = training_rows(parts, known), parts[arriving]
         on_progress(0, 6, "equations and rows before the part")
         adaptation = refit(training_rows(parts, known[: rests_on(len(known))]), machine, recipe, seed)
-        rehearsal = balance(before, path, adaptation, machine, recipe, seed)
+        trained = Trained()
+        rehearsal = balance(before, path, adaptation, machine, recipe, seed, trained)
         on_progress(1, 6, "models before the part")
-        trained, made = Trained(), rehearsal.generated
+        made = rehearsal.generated
         models = {v: retrain(before, made, rehearsal.weights, v, recipe, seed, trained) for v in variants}
         on_progress(2, 6, "comparison")
         evaluation = evaluate(path, before, models)
@@ -138,9 +139,10 @@ def iterate(
     real = training_rows(parts)
     coming = planned if planned is not None else parts[names[-1]]
     adaptation = refit(training_rows(parts, names[: rests_on(len(names))]), machine, recipe, seed)
-    balanced = balance(real, coming, adaptation, machine, recipe, seed)
+    trained = Trained()
+    balanced = balance(real, coming, adaptation, machine, recipe, seed, trained)
     on_progress(4, 6, "models")
-    models = retrain(real, balanced.generated, balanced.weights, "both", recipe, seed)
+    models = retrain(real, balanced.generated, balanced.weights, "both", recipe, seed, trained)
     on_progress(6, 6, "done")
     return Result(real, balanced, models, rehearsal, evaluation)
 
@@ -174,10 +176,10 @@ def refit(real: Samples, machine: Machine, recipe: Recipe, seed: int) -> Adaptat
     return adapt(real, machine, recipe.method, train=_trainer(recipe, seed), extended=recipe.extended)
 
 
-def _trainer(recipe: Recipe, seed: int) -> Train:
+def _trainer(recipe: Recipe, seed: int, trained: Trained | None = None) -> Train:
     """The models of the recipe, as the method asks for them."""
 
-    trained = Trained()
+    trained = trained or Trained()
 
     def train(rows: Samples, weights: Float2D) -> Callable[[Samples], Float2D]:
         return AxisModels.fit(
@@ -188,12 +190,15 @@ def _trainer(recipe: Recipe, seed: int) -> Train:
 
 
 def balance(
-    real: Samples, path: Samples, adaptation: Adaptation, machine: Machine, recipe: Recipe, seed: int
-) -> Balanced:
-    """PiA and PiE rows for the bins of a path. Same rows, same seed: same answer."""
+    real: Samples, path: Samples, adaptation: Adaptation, machine: Machine, recipe: Recipe, seed: int,
+    trained: Trained | None = None,
+) -> Balanced:  # fmt: skip
+    """PiA and PiE rows for the bins of a path. Same rows, same seed: same answer. The rows may rest on models of the
+    real rows; `trained` keeps them for `retrain`, which needs the same ones on axes without generated rows."""
     found = balance_for(
-        path, real, machine, recipe.method, adaptation, rng=np.random.default_rng(seed), train=_trainer(recipe, seed)
-    )
+        path, real, machine, recipe.method, adaptation,
+        rng=np.random.default_rng(seed), train=_trainer(recipe, seed, trained),
+    )  # fmt: skip
     both = Samples.concat([real, found.generated]) if len(found.generated) else real
     needed, grid = relevant(path, recipe), recipe.method.grid
     return Balanced(

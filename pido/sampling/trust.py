@@ -240,7 +240,9 @@ def currents(
     rows: Samples, real: Samples, machine: Machine, trust: Trust, train: Train, omega: float = 1.0
 ) -> tuple[Float2D, Float2D, Int2D]:
     """Currents t + w (e - t) of the rows, their expected errors, and their regions: (n, 4) each; NaN where w is 0."""
-    model = train(real, np.full((len(real), 4), omega))(rows)
+    used = np.array([terms is not None for terms in trust.terms])
+    asked = replace(real, currents=np.where(used, real.currents, np.nan))  # other axes need no model
+    model = train(asked, np.full((len(real), 4), omega))(rows)
     equations = {terms.id: fit_global(real, machine, terms) for terms in trust.tried}
     where = region(rows, real, list(equations.values()))
     axis = np.arange(4)

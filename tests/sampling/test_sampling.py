@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pido import iteration
 from pido.config import MethodSettings, machine
 from pido.core.columns import INPUTS
 from pido.core.errors import FitError
@@ -15,14 +16,14 @@ from pido.feature_space.density import balance, occupancy, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid, touched
 from pido.feature_space.regional import HeldOut, folds, sectors
 from pido.files.equations import dump, load
-from pido.models.axis_models import AxisModels, quick_trainer
+from pido.models.axis_models import AxisModels, Trained, quick_trainer
 from pido.sampling.gate import NO_SUPPORT, OPEN, PASSED, WORSE_THAN_MODEL, Gate
 from pido.sampling.inputs import ChipScaling, draw_inputs
 from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.method import Adaptation, adapt, balance_for
 from pido.sampling.optimise import optimise
 from pido.sampling.shares import ShareRule, fill, nothing, paper_pia, paper_pie
-from pido.sampling.trust import Spacing, Trust, learn, taken
+from pido.sampling.trust import Spacing, Trust, currents, learn, taken
 
 MILL = machine("smart_mill")
 V_X, V_Y, MRR = (INPUTS.index(n) for n in ("v_x", "v_y", "mrr_sim"))
@@ -356,6 +357,37 @@ def test_printed_settings_build_the_printed_method():
     assert method.gate == OPEN or (method.gate.quantile is None and not method.gate.compare)
     assert (method.nuisance, method.adaptive, method.share.density) == ("paper", False, 40.0)
     assert MethodSettings().build().adaptive
+
+
+def half_trusted(*used):
+    """Half way between model and equation on the axes `used`; no generated rows on the others."""
+    terms = tuple(HELD if axis in used else None for axis in range(4))
+    share = np.where(np.isin(np.arange(4), used)[:, None], 0.5, 0.0) * np.ones((4, 5))
+    return Trust(terms, share, np.full((4, 5), 0.1), (-0.1,) * 4, (HELD, FRICTION))
+
+
+def test_an_axis_without_generated_rows_leaves_those_of_the_others_as_they_are():
+    real, rows, train = milling(300), milling(100, 5), quick_trainer()
+    every, error, where = currents(rows, real, MILL, half_trusted(0, 1, 2, 3), train)
+    some, its_error, its_where = currents(rows, real, MILL, half_trusted(0, 3), train)
+    assert np.isnan(some[:, 1:3]).all()
+    assert np.isfinite(some[:, [0, 3]]).any()
+    np.testing.assert_array_equal(some[:, [0, 3]], every[:, [0, 3]])
+    np.testing.assert_array_equal(its_error[:, [0, 3]], error[:, [0, 3]])
+    np.testing.assert_array_equal(its_where, where)
+
+
+def test_models_kept_from_balancing_are_those_that_training_afresh_gives():
+    real, path, recipe = milling(300), milling(200, 5), iteration.Recipe()
+    adaptation = Adaptation(PAPER_CHOICE, None, (ShareRule(),) * 4, {}, 300, half_trusted(0, 3))
+    kept, digests = Trained(), []
+    for trained in (kept, None):
+        made = iteration.balance(real, path, adaptation, MILL, recipe, 0, trained)
+        for variant in ("real", "both"):
+            models = iteration.retrain(real, made.generated, made.weights, variant, recipe, 0, trained)
+            digests.append(models.digest())
+    assert len(made.generated)
+    assert digests[:2] == digests[2:]
 
 
 def test_what_was_learned_about_trust_survives_being_a_file():
