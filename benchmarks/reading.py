@@ -5,21 +5,16 @@ Out: rows {work, peer, ratio, goal, error}: ratio is the peer's time over ours, 
 
 The public parser's way (max-scw/CaptureDataParser) is written out here: the whole file as Python objects, then a loop
 over each cell into one list per signal, then a data frame.
-
-Captures are read as in a process that fits equations, which has compiled code loaded; a process that does nothing but
-read takes the general parser for files of this size, and has a line of its own.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import orjson
 import pandas as pd
@@ -48,7 +43,6 @@ def _capture(folder: Path, mb: float, repeats: int) -> list[dict[str, Any]]:
     peers: dict[str, tuple[Callable[[], Any], float]] = {
         "public parser's way": (lambda: _public_way(path), 12.0),
         "orjson.loads alone": (lambda: orjson.loads(path.read_bytes()), 1.0),
-        "without compiled code": (lambda: _without_compiled_code(path), 1.0),
     }
     ways = {"ours": lambda: sinumerik.READER.read(path, None, {}), **{k: f for k, (f, _) in peers.items()}}
     times = {name: cpu for name, (_, cpu) in both_clocks(ways, repeats).items()}  # all of them have one thread
@@ -58,14 +52,6 @@ def _capture(folder: Path, mb: float, repeats: int) -> list[dict[str, Any]]:
         {"work": work, "peer": name, "ratio": times[name] / times["ours"], "goal": goal, "error": error}
         for name, (_, goal) in peers.items()
     ]
-
-
-def _without_compiled_code(path: Path) -> Any:
-    del sys.modules["numba"]
-    try:
-        return sinumerik.READER.read(path, None, {})
-    finally:
-        sys.modules["numba"] = numba
 
 
 def _table(folder: Path, rows: int, repeats: int) -> list[dict[str, Any]]:

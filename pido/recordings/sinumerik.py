@@ -11,8 +11,6 @@ payload are counted and noted, not refused.
 
 from __future__ import annotations
 
-import os
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
@@ -24,11 +22,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import orjson
+from simdjson import Parser
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.recordings.numbers import table
 from pido.recordings.reader import Reader, head
 from pido.recordings.signals import block_index, hold, wanted_signals
 
@@ -36,8 +36,6 @@ _USED = {"HFData", "HFBlockEvent", "HFTimestamp"}
 _KNOWN = _USED | {"HFCallEvent", "LFData", "ExternalData"}
 _BUFFER = 1 << 20
 """Bytes read at once: lines are ten times as long as the usual buffer, which would be put together from pieces."""
-_WORTH_LOADING = 200_000_000
-"""Bytes from which on compiled code is worth loading, which takes half a second, where the process has none yet."""
 
 
 def _recognises(path: Path) -> bool:
@@ -145,16 +143,14 @@ def _lines(first: bytes, file: BinaryIO, width: int, wanted: list[int]) -> Itera
 
     Raises _OtherLayout at the first line that is no message.
     """
-    table = None
-    if "numba" in sys.modules or os.fstat(file.fileno()).st_size > _WORTH_LOADING:
-        from pido.recordings.numbers import table
+    parser = Parser()
     for text in chain((first,), file):
         line = text.rstrip(b", \t\r\n").lstrip()
         if not line:
             continue
         if line == b"]" or line.startswith((b"],", b"]}")):
             return
-        if table is not None and (rows := table(line, width, wanted)) is not None:
+        if (rows := table(line, width, wanted, parser)) is not None:
             yield {"HFData": rows}
             continue
         last = False

@@ -1,9 +1,7 @@
 """Captures written here, message by message, with known content; and the real one."""
 
 import json
-import sys
 
-import numba  # noqa: F401 - with it, rows are read by compiled code
 import numpy as np
 import pytest
 
@@ -110,19 +108,6 @@ def test_a_row_with_too_few_numbers_is_named_by_its_count(tmp_path):
     bad = {"HFData": [_row(100), _row(101)[:-1]]}
     with pytest.raises(RecordingError, match="CYCLE 1101"):
         read_recording(_write(tmp_path / "c.json", [*MESSAGES, bad]))
-
-
-def test_compiled_or_not_the_same_is_read(tmp_path, monkeypatch):
-    noisy = np.random.default_rng(0).normal(size=(60, len(SIGNALS))) * 10.0 ** np.arange(-4, 5)
-    rows = [[1100 + k, *row[1:]] for k, row in enumerate(noisy.tolist())]
-    path = _write(tmp_path / "c.json", [*MESSAGES, {"HFData": rows[:30]}, {"HFData": np.round(rows[30:], 6).tolist()}])
-    compiled = read_recording(path)
-    monkeypatch.delitem(sys.modules, "numba")
-    general = read_recording(path)
-    assert compiled.notes == general.notes
-    assert list(compiled.columns) == list(general.columns)
-    for name in general.columns:
-        np.testing.assert_array_equal(compiled[name], general[name])
 
 
 @pytest.mark.real
