@@ -1,15 +1,20 @@
-"""A whole plant as `make plant` starts it: parts arrive, a version is promoted, all of it is saved,
-destroyed and brought back. One plant for all tests of this module, in their order."""
+"""A whole plant as `make plant` starts it: parts arrive, a version is promoted, people look at it in a browser, all of
+it is saved, destroyed and brought back. One plant for all tests of this module, in their order."""
 
 from __future__ import annotations
 
+import base64
+import json
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from urllib.parse import quote
 
+import httpx
 import pytest
 from plain_parts import parts as made_up
 from plain_parts import with_simulation
@@ -23,7 +28,9 @@ from pido.tracking.ledger import Ledger
 MACHINE = "cmx600v"
 SETTINGS = "[method]\nadaptive = false\ncompare_with_model = false\n"
 PARTS = 3
-
+PATIENCE_S = 300
+TRAINING = "workflowType=machine_learning"
+"""Without it MLflow shows a run among its pages for language models."""
 
 pytestmark = [
     pytest.mark.servers,
@@ -55,11 +62,13 @@ def plant(place: Path) -> Iterator[Plant]:
 
 
 def artifacts(plant: Plant) -> dict[str, str]:
-    """Key -> content of the artifacts on Prefect's pages."""
-    from prefect.client.orchestration import get_client
-
-    with plant.as_client(), get_client(sync_client=True) as client:
-        return {a.key: str(a.data) for a in client.read_artifacts() if a.key}
+    """Key -> content of the newest artifact on Prefect's pages. Asked for without Prefect's client, which keeps the
+    address of the first server that a process has talked to."""
+    settings = plant.settings
+    login = (settings.prefect_user, settings.prefect_password)
+    reply = httpx.post(f"{settings.prefect_api}/artifacts/filter", json={}, auth=login, timeout=PATIENCE_S)
+    found = sorted(reply.raise_for_status().json(), key=lambda a: a["created"])
+    return {a["key"]: str(a["data"]) for a in found if a["key"]}
 
 
 def test_parts_that_arrive_are_taken_and_a_version_that_passed_its_gate_is_promoted_from_the_command_line(plant):
@@ -79,6 +88,141 @@ def test_the_physics_of_the_newest_parts_was_looked_at(plant):
     assert f"Diagnosis of {MACHINE}" in found["diagnosis"]
     until(lambda: "diagnosis-report" in artifacts(plant), "no link to the report in MLflow")
     assert "RMSE" in found["iteration"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A Chromium without a window. PIDO_SCREENSHOTS names a folder for pictures of what it saw."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not chromium or not driver:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium chromium-driver)")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1600,1300"):
+        options.add_argument(argument)
+    # It is told none of the plant's passwords, and its processes are not taken for the plant's.
+    own = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "MLFLOW_", "PIDO_"))}
+    found = webdriver.Chrome(options, webdriver.ChromeService(driver, env=own))
+    found.set_page_load_timeout(PATIENCE_S)
+    yield found
+    found.quit()
+
+
+def shows(browser, picture: str, *words: str, also: Callable[[], bool] = lambda: True) -> None:
+    """Wait until all words stand on the page, and `also`."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    def missing() -> list[str]:
+        text = browser.find_element(By.TAG_NAME, "body").text
+        return [word for word in words if word not in text]
+
+    try:
+        WebDriverWait(browser, PATIENCE_S, ignored_exceptions=[Exception]).until(lambda _: not missing() and also())
+    finally:
+        if folder := os.environ.get("PIDO_SCREENSHOTS"):
+            browser.save_screenshot(str(Path(folder) / f"{picture}.png"))
+
+
+def press(browser, place: str) -> None:
+    """Click what the XPath finds."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support import expected_conditions as seen
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(browser, PATIENCE_S).until(seen.element_to_be_clickable((By.XPATH, place))).click()
+
+
+def frame(browser) -> None:
+    """Into the frame that MLflow shows an artifact in."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support import expected_conditions as seen
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    wait = WebDriverWait(browser, PATIENCE_S)
+    wait.until(seen.frame_to_be_available_and_switch_to_it((By.TAG_NAME, "iframe")))
+
+
+@pytest.fixture
+def mlflow_pages(plant, browser):
+    """Opens a place on MLflow's pages, logged in; and the experiment and the runs of the machine, newest first."""
+    from mlflow import MlflowClient
+
+    settings = plant.settings
+    with plant.as_client():
+        client = MlflowClient(settings.mlflow_uri, settings.mlflow_uri)
+        experiment = client.get_experiment_by_name(f"pido {MACHINE}").experiment_id
+        runs = sorted(client.search_runs([experiment]), key=lambda r: -int(r.data.tags["pido.version"]))
+    login = f"{quote(settings.mlflow_user)}:{quote(settings.mlflow_password)}@"
+    # Once, then without: pages under an address with a password in it may not ask the server for anything.
+    browser.get(settings.mlflow_uri.replace("://", f"://{login}"))
+
+    def visit(place: str) -> None:
+        browser.get("about:blank")  # a page that differs behind the # alone is not loaded anew
+        browser.get(f"{settings.mlflow_uri}/#/{place}")
+
+    return visit, experiment, runs
+
+
+@pytest.mark.browser
+def test_mlflow_shows_the_machine_its_runs_and_what_an_engineer_asks_first(mlflow_pages, browser):
+    visit, experiment, runs = mlflow_pages
+    names = [run.info.run_name for run in runs]
+    visit("experiments")
+    shows(browser, "experiments", f"pido {MACHINE}")
+    visit(f"experiments/{experiment}/runs?{TRAINING}")
+    shows(browser, "runs", *names, "real (")
+    press(browser, "//button[starts-with(normalize-space(), 'real (')]")
+    shows(browser, "data", "v_x", "curr_sp", "pia")
+    visit(f"experiments/{experiment}/runs/{runs[0].info.run_id}?{TRAINING}")
+    shows(browser, "run", names[0], f"Version {PARTS}", "recorded rows", "Gate:", "real (", f"{MACHINE}-")
+    both = quote(json.dumps([run.info.run_id for run in runs[:2]]))
+    visit(f"compare-runs?runs={both}&experiments={quote(json.dumps([experiment]))}&{TRAINING}")
+    shows(browser, "compare", *names[:2], "rmse_x/both")
+    visit(f"models/{MACHINE}-x?{TRAINING}")
+    shows(browser, "versions", "@ champion", "may be promoted", f"Version {PARTS}")
+
+
+@pytest.mark.browser
+def test_mlflow_shows_the_figures_of_an_iteration(mlflow_pages, browser):
+    visit, experiment, runs = mlflow_pages
+    visit(f"experiments/{experiment}/runs/{runs[0].info.run_id}/artifacts/iteration/errors.png?{TRAINING}")
+    shown = "return [...document.images].some(image => image.naturalWidth > 600)"
+    shows(browser, "figure", "errors.png", also=lambda: browser.execute_script(shown))
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(
+    ("path", "words"), [("report/index.html", "Did it get better?"), ("diagnosis/report.html", MACHINE)]
+)
+def test_a_report_is_shown_inside_mlflows_page(mlflow_pages, browser, path, words):
+    visit, experiment, runs = mlflow_pages
+    visit(f"experiments/{experiment}/runs/{runs[0].info.run_id}/artifacts/{path}?{TRAINING}")
+    frame(browser)
+    shows(browser, path.replace("/", "-"), words)
+    browser.switch_to.default_content()
+
+
+@pytest.mark.browser
+def test_prefects_pages_show_the_iteration_the_diagnosis_and_the_way_to_its_report(plant, browser):
+    settings = plant.settings
+    root = settings.prefect_api.removesuffix("/api")
+    browser.get(root)
+    login = base64.b64encode(f"{settings.prefect_user}:{settings.prefect_password}".encode()).decode()
+    browser.execute_script("localStorage.setItem('prefect-password', arguments[0])", login)
+    pages = {
+        "iteration": (f"version {PARTS}", "with PiA and PiE"),
+        "diagnosis": (f"{MACHINE}: ", f"Diagnosis of {MACHINE}"),
+        "diagnosis-report": (f"Diagnosis of {MACHINE}", MACHINE),
+    }
+    for key, (at_first_sight, words) in pages.items():
+        browser.get("about:blank")
+        browser.get(f"{root}/artifacts/key/{key}")
+        shows(browser, f"prefect-{key}-list", at_first_sight)
+        press(browser, "(//a[contains(@href, '/artifacts/artifact/')])[1]")
+        shows(browser, f"prefect-{key}", words, "Flow Run")
 
 
 def test_everything_comes_back_in_another_folder_after_the_plant_was_destroyed(plant, place):
