@@ -24,7 +24,7 @@ from pido.core.errors import FitError
 S = TypeVar("S")
 T = TypeVar("T")
 
-ROWS, BINS = 512, 512  # a tile of weights is 2 MiB: it is made, used and overwritten inside the cache
+ROWS, BINS = 1024, 512  # a tile of weights is 4 MiB: made, used and overwritten inside the cache; longer sums cost less
 MANY_BINS = 4096
 """Bins from which on they are split over threads; fewer share the work on each row, so the rows are split."""
 
