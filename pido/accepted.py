@@ -16,7 +16,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,15 +26,16 @@ from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.machining import Machine
 from pido.core.samples import Samples
-from pido.diagnosis.contract import read_model
-from pido.diagnosis.models import axis_models
-from pido.diagnosis.pair import pair_of
-from pido.diagnosis.state import AxisState, Motion
-from pido.diagnosis.terms import Term
 from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
 from pido.physics_journal import Entry, in_force, journal, utc_now, write
 from pido.tracking.promotion import check_person
 from pido.workspace import Workspace
+
+if TYPE_CHECKING:
+    from pido.diagnosis.state import AxisState
+    from pido.diagnosis.terms import Term
+
+# The finder is imported where it is used: a machine without accepted physics, a monitor above all, starts without it.
 
 INSTANT = (
     "coulomb_friction", "viscous_friction", "stribeck_friction", "standstill_friction", "friction_asymmetry",
@@ -116,9 +117,14 @@ def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str)
 
 def terms(workspace: Workspace, machine: Machine) -> tuple[tuple[AcceptedTerm, int], ...]:
     """What is in force, as terms with their number of columns."""
+    now = in_force(journal(workspace, machine.id))
+    if not now:
+        return ()
+    from pido.diagnosis.models import axis_models
+
     bands = tuple(machine.dead_band(axis) for axis in AXES)
     found = []
-    for e in in_force(journal(workspace, machine.id)):
+    for e in now:
         alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [e.term]}
         model = axis_models({"axes": {e.axis: alone}})[e.axis]
         term, amplitudes = model.terms[0], model.amplitudes[0]
@@ -138,6 +144,10 @@ def term_sets(accepted: Sequence[tuple[AcceptedTerm, int]], adaptive: bool) -> t
 
 def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any], str]:
     """Term, finding and digest of the model behind it."""
+    from pido.diagnosis.contract import read_model
+    from pido.diagnosis.models import axis_models
+    from pido.diagnosis.pair import pair_of
+
     path = folder / "diagnosis.json"
     try:
         findings = json.loads(path.read_text(encoding="utf-8"))["findings"]
@@ -170,6 +180,8 @@ def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any],
 
 def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:
     """The state of one axis as far as rows know it; rows stand for themselves, in no order."""
+    from pido.diagnosis.state import AxisState, Motion
+
     n, get = len(samples), {name: samples.inputs[:, k] for name, k in _AT.items()}
     far = np.full(n, np.inf)
     motions = {
