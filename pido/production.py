@@ -17,7 +17,7 @@ import shutil
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import wraps
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +107,12 @@ class _Place:
         write_atomically(self.folder / f"{name}.json", json.dumps(facts, sort_keys=True))
 
 
+@lru_cache(maxsize=2)
+def _trained(folder: Path, which: str) -> Trained:
+    """Models that the stages of an iteration share while they run in one process; in another they are trained again."""
+    return Trained()
+
+
 Stage = Callable[[str, str], None]
 
 
@@ -185,8 +191,9 @@ def balance(place: _Place) -> None:
     for which in place.sets():
         rows = place.rows(which)
         found = iteration.balance(
-            rows, place.path(which), place.adaptation(which), place.machine, place.recipe, place.seed
-        )
+            rows, place.path(which), place.adaptation(which), place.machine, place.recipe, place.seed,
+            _trained(place.folder, which),
+        )  # fmt: skip
         save_samples(found.generated, place.folder / f"generated-{which}.parquet")
         write_atomically(place.folder / f"weights-{which}.npy", _npy(found.weights))
         write_atomically(place.folder / f"equations-{which}.npz", equation_files.dump(found.equations))
@@ -205,14 +212,16 @@ def retrain(place: _Place) -> None:
     """Models of before say what they expect of the arriving part; the challenger is trained on all parts."""
     if BEFORE in place.sets():
         rows, generated, weights = place.rows(BEFORE), place.generated(BEFORE), place.weights(BEFORE)
-        said, trained = {}, Trained()
+        said, trained = {}, _trained(place.folder, BEFORE)
         for variant in VARIANTS if place.workspace.settings.compare else ("both",):
             models = iteration.retrain(rows, generated, weights, variant, place.recipe, place.seed, trained)
             said[variant] = models.predict(place.path(BEFORE))
         _save_predictions(place.folder / "said.parquet", said)
     models = iteration.retrain(
-        place.rows(ALL), place.generated(ALL), place.weights(ALL), "both", place.recipe, place.seed
-    )
+        place.rows(ALL), place.generated(ALL), place.weights(ALL), "both", place.recipe, place.seed,
+        _trained(place.folder, ALL),
+    )  # fmt: skip
+    _trained.cache_clear()
     for axis, model in models.models.items():
         write_atomically(place.folder / f"{axis}.skops", model_files.dump(model))
     place.write("models", {"digests": models.digests(), "inputs": models.inputs, "names": list(models.input_names)})
