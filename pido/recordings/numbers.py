@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from simdjson import Parser
+from simdjson import Array, Object, Parser
 
 from pido.core.arrays import Float2D
 
@@ -32,11 +32,15 @@ def table(line: bytes, width: int, wanted: Sequence[int], parser: Parser) -> Flo
         return None
     try:
         message = parser.parse(line)
-        rows = message["HFData"]
-        cells = np.frombuffer(rows.as_buffer(of_type="d"))
-        flat = line.count(b"[") == len(rows) + 1  # a list in place of a number would be taken for its numbers
-        if len(message) != 1 or not flat or {len(row) for row in rows} != {width}:
+        if not isinstance(message, Object) or list(message.keys()) != ["HFData"]:
             return None
-    except (ValueError, TypeError, AttributeError, KeyError, RuntimeError):  # the last: a whole number beyond 64 bits
+        rows = message["HFData"]
+        # A list in place of a number would be taken for its numbers.
+        if not isinstance(rows, Array) or line.count(b"[") != len(rows) + 1:
+            return None
+        if not rows or not all(isinstance(row, Array) and len(row) == width for row in rows):
+            return None
+        cells = np.frombuffer(rows.as_buffer(of_type="d"))
+    except (ValueError, TypeError, RuntimeError):  # no JSON, a cell that is no number, a whole number beyond 64 bits
         return None
     return cells.reshape(-1, width)[:, list(wanted)]
