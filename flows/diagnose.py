@@ -80,10 +80,10 @@ def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[st
         write_atomically(folder / "of.json", json.dumps(found, sort_keys=True))
     if found["fault"]:
         get_run_logger().warning("MLflow has not got the diagnosis (%s); the next one brings it", found["fault"])
-    about = f"{_plain(machine)}: {len(found['lines'])} finding(s) in {len(found['parts'])} part(s)"
+    about = f"{in_markdown(machine)}: {len(found['lines'])} finding(s) in {len(found['parts'])} part(s)"
     create_markdown_artifact(key="diagnosis", markdown=page(machine, found, folder), description=about)
     if link:
-        text = f"Diagnosis of {_plain(machine)}"
+        text = f"Diagnosis of {in_markdown(machine)}"
         create_link_artifact(key="diagnosis-report", link=link, link_text=text, description=f"[{text}]({link})")
     return found
 
@@ -92,12 +92,13 @@ def page(machine: str, found: dict[str, Any], folder: Path) -> str:
     """Markdown for Prefect's pages."""
     table = ["| axis | mechanism | where | RMSE before | after |", "|---|---|---|---|---|", *found["lines"]]
     body = table if found["lines"] else ["Nothing significant." if found["compared"] else "No answer:"]
-    about = f"Newest parts: {_plain(', '.join(found['parts']))}."
+    about = f"Newest parts: {in_markdown(', '.join(found['parts']))}."
     where = [f"The whole report: `{folder / 'report.html'}`"] if found["compared"] else []
-    return "\n\n".join([f"# Diagnosis of {_plain(machine)}", about, "\n".join(body), *found["notes"], *where])
+    return "\n\n".join([f"# Diagnosis of {in_markdown(machine)}", about, "\n".join(body), *found["notes"], *where])
 
 
-def _plain(text: str) -> str:
+def in_markdown(text: str) -> str:
+    """A name from outside, harmless in a table or a heading."""
     return text.replace("|", " ").replace("<", "&lt;")
 
 

@@ -18,7 +18,7 @@ from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
-from flows.diagnose import due
+from flows.diagnose import due, in_markdown
 from flows.submit import alive, ask_diagnosis
 from pido import parts, production
 from pido.core.errors import PidoError, UnavailableError
@@ -117,4 +117,4 @@ def _page(outcome: dict[str, Any]) -> str:
 
 
 def _name(outcome: dict[str, Any]) -> str:
-    return outcome["part"]["name"].replace("|", " ").replace("<", "&lt;")
+    return in_markdown(outcome["part"]["name"])

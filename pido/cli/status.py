@@ -28,13 +28,14 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
 
     workspace = existing(folder)
     ledger = Ledger(workspace.ledger)
+    physics = {machine: journal(workspace, machine) for machine in ledger.machines()}
     answer = {
         "machines": {
             machine: {
                 "parts": len(ledger.parts(machine)),
                 "versions": [{**asdict(s.version), "state": s.state} for s in promotion.standings(workspace, machine)],
-                "physics": [asdict(e) for e in in_force(journal(workspace, machine))],
-                "physics_decisions": [asdict(e) for e in journal(workspace, machine)],
+                "physics": [asdict(e) for e in in_force(physics[machine])],
+                "physics_decisions": [asdict(e) for e in physics[machine]],
                 "decisions": [asdict(r) for r in promotion.history(workspace, machine)],
             }
             for machine in ledger.machines()

@@ -76,17 +76,8 @@ def _alarms(alarms: tuple[NamedAlarm, ...]) -> Section:
         for one in alarms
         for a in (one.alarm,)
     ]  # fmt: skip
-    head = [
-        "alarm",
-        "axis",
-        "time, s",
-        "NC block",
-        "tool",
-        "size, A",
-        "in spreads",
-        "looks like (a first guess)",
-        "answer",
-    ]
+    head = ["alarm", "axis", "time, s", "NC block", "tool", "size, A", "in spreads", "looks like (a first guess)",
+            "answer"]  # fmt: skip
     text = [
         "Say what each was: pido monitor answer ALARM --true (or --false) --by NAME --reason TEXT. A false alarm "
         "widens the band; samples of a true one are not learnt from."

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import quote
 
+import chromium
 import httpx
 import pytest
 from plain_parts import parts as made_up
@@ -93,21 +94,11 @@ def test_the_physics_of_the_newest_parts_was_looked_at(plant):
 @pytest.fixture(scope="module")
 def browser():
     """A Chromium without a window. PIDO_SCREENSHOTS names a folder for pictures of what it saw."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not chromium or not driver:
-        pytest.skip("Chromium is not installed (Debian: apt-get install chromium chromium-driver)")
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1600,1300"):
-        options.add_argument(argument)
     # It is told none of the plant's passwords, and its processes are not taken for the plant's.
     own = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "MLFLOW_", "PIDO_"))}
-    found = webdriver.Chrome(options, webdriver.ChromeService(driver, env=own))
-    found.set_page_load_timeout(PATIENCE_S)
-    yield found
-    found.quit()
+    with chromium.started("1600,1300", own) as found:
+        found.set_page_load_timeout(PATIENCE_S)
+        yield found
 
 
 def shows(browser, picture: str, *words: str, also: Callable[[], bool] = lambda: True) -> None:

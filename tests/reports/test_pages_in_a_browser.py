@@ -1,7 +1,6 @@
 """A page as a reader sees it: in a window, on a phone, on paper. Drawn by a real Chromium."""
 
-import shutil
-
+import chromium
 import numpy as np
 import pytest
 
@@ -29,19 +28,8 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser():
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not chromium or not driver:
-        pytest.skip("Chromium is not installed (Debian: apt-get install chromium chromium-driver)")
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,900"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    found = webdriver.Chrome(options, webdriver.ChromeService(driver))
-    yield found
-    found.quit()
+    with chromium.started("1280,900", **{"goog:loggingPrefs": {"browser": "ALL"}}) as found:
+        yield found
 
 
 @pytest.fixture(params=[1280, 390])
