@@ -79,7 +79,7 @@ def services(settings: PlantSettings) -> list[Service]:
         Service(
             "worker",
             [python, "-m", "flows.serve", "--workspace", str(workspace)],
-            {**client, "PREFECT_HOME": str(settings.folder / "worker"), "PREFECT_RUNNER_POLL_FREQUENCY": "2"},
+            {**client, "PREFECT_HOME": str(settings.folder / "worker"), "PREFECT_RUNNER_POLL_FREQUENCY": "1"},
             lambda: (workspace / "worker.alive").exists(),
         ),
         Service(

@@ -17,6 +17,7 @@ from typing import Any
 from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
+from prefect.runtime import flow_run
 
 from flows.diagnose import due, in_markdown
 from flows.submit import alive, ask_diagnosis
@@ -51,7 +52,12 @@ publish = task(name="publish", **_STAGE)(production.publish)
 log = task(name="log", **_STAGE)(production.log)
 
 
-@flow(name="new-part", flow_run_name="{path}", persist_result=False)
+def _named() -> str:
+    """Runs are listed by what arrived, not by where it lies."""
+    return Path(flow_run.parameters["path"]).name
+
+
+@flow(name="new-part", flow_run_name=_named, persist_result=False)
 def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str, Any]:
     """One arrival: taken in, or rejected with its reason; then one iteration. Known parts end at once."""
     place = Workspace.open(workspace)

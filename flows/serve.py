@@ -7,19 +7,20 @@ workspace's lock).
 
 from __future__ import annotations
 
+import asyncio
 import os
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import click
-from prefect import serve
+from prefect.runner import Runner
 
 from flows.diagnose import diagnose_newest
 from flows.experiment import experiment
 from flows.new_part import new_part, nightly, retrain_machine
 from flows.promote import promote
+from flows.warm import start_warm
 from pido.workspace import Workspace
 
 BEAT_S = 15.0
@@ -35,18 +36,18 @@ def main(folder: Path) -> None:
     """
     workspace = Workspace.open(folder)
     threading.Thread(target=_beat, args=(workspace.root / "worker.alive",), daemon=True).start()
+    start_warm()
     place = {"workspace": str(workspace.root)}
-    cron = os.environ.get("PIDO_NIGHTLY", "0 3 * * *")
-    deployments: list[Any] = [
-        new_part.to_deployment("arrivals", parameters=place),
-        retrain_machine.to_deployment("on-request", parameters=place),
-        nightly.to_deployment("nightly", parameters=place, cron=cron),
-        diagnose_newest.to_deployment("newest", parameters=place),
-        promote.to_deployment("approval", parameters=place),
-        experiment.to_deployment("on-request", parameters=place),
-    ]
     # Not paused while the worker is away: what is asked for meanwhile waits for it.
-    serve(*deployments, limit=3, pause_on_shutdown=False)
+    runner = Runner(limit=3, pause_on_shutdown=False)
+    cron = os.environ.get("PIDO_NIGHTLY", "0 3 * * *")
+    runner.add_flow(new_part, "arrivals", parameters=place)
+    runner.add_flow(retrain_machine, "on-request", parameters=place)
+    runner.add_flow(nightly, "nightly", parameters=place, cron=cron)
+    runner.add_flow(diagnose_newest, "newest", parameters=place)
+    runner.add_flow(promote, "approval", parameters=place)
+    runner.add_flow(experiment, "on-request", parameters=place)
+    asyncio.run(runner.start())
 
 
 def _beat(path: Path) -> None:

@@ -99,7 +99,11 @@ def prefect_server(home: Path, port: int | None = None, patience_s: float = 300.
                 tail = log.read_text(encoding="utf-8", errors="replace")[-2000:]
                 raise ServerError(f"the Prefect server did not start on port {port}. The end of {log}:\n{tail}")
             time.sleep(0.25)
-        with environment(QUIET | {"PREFECT_HOME": str(home), "PREFECT_API_URL": api}):
+        # The settings that Prefect read when it was imported name another server, where there was one before.
+        from prefect.settings import PREFECT_API_URL, temporary_settings
+
+        values = {"PREFECT_HOME": str(home), "PREFECT_API_URL": api}
+        with environment(QUIET | values), temporary_settings({PREFECT_API_URL: api}):
             yield api
     finally:
         stop(process)

@@ -13,7 +13,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from uuid import NAMESPACE_URL, uuid5
 
 from httpx import HTTPError
@@ -40,7 +39,7 @@ BUSY = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 LIVE = [*WAITING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
 SILENT = timedelta(seconds=30)
 STARTING = timedelta(seconds=75)
-"""A run that is about to start has no process of its own yet; after this one has to be seen."""
+"""A run that is about to start has no process of its own yet; it is forked within a second (`flows.warm`)."""
 SURE_S = 5.0
 """Between a run's last work and its word that it has ended, its process holds no lock for a moment, s."""
 AWAY = (HTTPError, PrefectException, OSError, RuntimeError)
@@ -117,20 +116,7 @@ def _without_process(run: FlowRun, workspace: Workspace) -> bool:
     assert run.state is not None
     starting = run.state.type == StateType.PENDING
     silent = datetime.now(UTC) - run.state.timestamp > (STARTING if starting else SILENT)
-    return silent and not workspace.locked(f"run {run.id}") and not (starting and _starts_up(run))
-
-
-def _starts_up(run: FlowRun) -> bool:
-    """Whether a process on this machine is there for this run: where processors are short it may take minutes until it
-    holds the run's lock. One in another container is not seen; there STARTING alone decides."""
-    mark = f"PREFECT__FLOW_RUN_ID={run.id}".encode()
-    for place in Path("/proc").glob("[0-9]*/environ"):
-        try:
-            if mark in place.read_bytes():
-                return True
-        except OSError:
-            continue  # ended meanwhile, or somebody else's
-    return False
+    return silent and not workspace.locked(f"run {run.id}")
 
 
 def _runs(tag: str | None, states: Sequence[StateType] = LIVE, client=None) -> list[FlowRun]:
