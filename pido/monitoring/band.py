@@ -10,18 +10,19 @@ parts cannot show such a level, so it is extrapolated: maxima over stretches of 
 generalised Pareto law (Pickands 1975; Coles, An Introduction to Statistical Modeling of Extreme Values, ch. 4) is
 fitted to the upper half of their squares. Squares, because those of a Gaussian have exactly the law's exponential tail,
 while its own tail is lighter than any Pareto law and the extrapolation would overshoot. Parts differ from one another,
-which K parts show only roughly: the spread between parts enters with its prior, and the threshold grows by Student's t
-with K degrees of freedom.
+which K parts show only roughly: the threshold is exceeded with its chance over all widths that the next part may have,
+with a prior on the spread between parts.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
+from scipy.optimize import brentq
 
 from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
@@ -35,10 +36,16 @@ STRETCH_S = 5.0
 PRIOR_WINDOWS = 8.0
 """A block's own centre and spread weigh as much as the pooled ones once this many independent windows were seen."""
 PRIOR_PARTS = 3.0
-PRIOR_SPREAD = 0.25
-"""Before parts were seen: their log spreads differ by this much, as if that had been found on PRIOR_PARTS parts."""
+PRIOR_SPREAD, OF_STRANGERS, OF_A_LAW = 0.25, 0.6, 0.3
+"""Before parts were seen: their log spreads differ by this much, as if that had been found on PRIOR_PARTS parts; by more
+where parts are strangers to one another, unless the axis follows a law that held on parts left out."""
+STRANGE = 0.15
+"""Parts are strangers where half of a part's samples lie further than this from all that the model has learnt from, in
+spreads of the model's inputs. The same program again lies ten times closer, another one two to three times further."""
 FOLDS = 4
 """Groups of parts that judge one another."""
+_EVENLY = (np.arange(2000) + 0.5) / 2000
+"""Chances at which the widths of the next part are tried."""
 LONGEST_TAIL = 0.5
 """Shape of the Pareto tail above which a fit to few maxima is not believed."""
 MOST_PARTS = 20
@@ -149,7 +156,13 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
     # An axis that follows a law on parts left out has a threshold of its own, so that those that are hard to predict
     # do not widen it. These share theirs: alone, three parts unlike one another say too little about each of them.
     alone = [axis for axis in windows if leans[axis]]
+    strangers = any(_strange(part) for part in parts)
     groups = [[axis] for axis in alone] + [[axis for axis in windows if axis not in alone]]
+
+    def chance_of(axes: int) -> float:
+        """Of an alarm on so many of the axes, of all that may be."""
+        return 1.0 - (1.0 - tolerate / 100.0) ** (axes / len(windows))
+
     bands = []
     # Blocks with levels of their own pay where the same program comes again; other parts say whether that is so.
     for blocks in (False, True) if len(parts) > 1 else (False,):
@@ -157,9 +170,12 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
         for group in groups:
             if not group:
                 continue
-            chance = 1.0 - (1.0 - tolerate / 100.0) ** (len(group) / len(windows))
-            threshold = _threshold([splits[axis] for axis in group], blocks, len(parts), chance)
-            axes |= {a: replace(_fit(windows[a], blocks, states[a]), threshold=threshold) for a in group}
+            prior = PRIOR_SPREAD if not strangers else OF_A_LAW if group[0] in alone else OF_STRANGERS
+            shared = _threshold([splits[a] for a in group], blocks, len(parts), chance_of(len(group)), prior)
+            for a in group:
+                # One that is nearly always right and seldom far off has a tail that the others' maxima dilute.
+                own = shared if len(group) == 1 else _threshold([splits[a]], blocks, len(parts), chance_of(1), prior)
+                axes[a] = replace(_fit(windows[a], blocks, states[a]), threshold=max(shared, own))
         axes = {axis: axes[axis] for axis in windows}
         bands.append(Band(axes, len(parts), tolerate, window_s, blocks))
     return min(bands, key=lambda band: _width(band, windows))
@@ -206,6 +222,11 @@ def _splits(parts: Sequence[_Windows], leans: bool) -> list[tuple[Sequence[_Wind
         if any(np.isfinite(w.mean).any() for w in others):
             found.append((judged, others, _state(others, leans)))
     return found
+
+
+def _strange(part: PartResiduals) -> bool:
+    doubt = np.zeros(0) if part.doubt is None else part.doubt[np.isfinite(part.doubt)]
+    return bool(len(doubt)) and float(np.median(doubt)) > STRANGE
 
 
 def _leans(parts: Sequence[_Windows]) -> bool:
@@ -315,9 +336,12 @@ def _width(band: Band, windows: dict[str, list[_Windows]]) -> float:
 
 
 def _threshold(
-    splits: Sequence[list[tuple[Sequence[_Windows], list[_Windows], _State]]], blocks: bool, parts: int, chance: float
+    splits: Sequence[list[tuple[Sequence[_Windows], list[_Windows], _State]]], blocks: bool, parts: int, chance: float, prior: float
 ) -> float:
-    """In spreads: what the largest window of a part, over these axes, exceeds with this chance."""
+    """In spreads: what the largest window of a part, over these axes, exceeds with this chance.
+
+    prior : by how much log spreads of parts are expected to differ before parts were seen
+    """
     maxima: list[float] = []
     log_spreads: list[float] = []
     for of_axis in splits:
@@ -333,25 +357,35 @@ def _threshold(
                     log_spreads.append(float(np.log(max(np.median(own), 1e-9))))
     if not maxima:
         raise FitError("The residuals are too short to learn a band from: record at least a minute of a good part.")
-    level = np.sqrt(_exceeded_with(np.array(maxima) ** 2, 1.0 - (1.0 - chance) ** (parts / len(maxima))))
-    # How much wider the next part may be than those seen: one in ten is wider than this. What parts differ by is in the
-    # pooled maxima already; not known is how well K parts show it, and, with few, what they have not shown at all.
-    # Student's t, because the spread between parts is itself estimated from few.
+    # How much wider than those seen the next part may be. What parts differ by is in the pooled maxima already; not
+    # known is how well K parts show it, and, with few, what they have not shown at all.
     known = len(log_spreads) - 1
     squares = float(np.var(log_spreads) * len(log_spreads))
-    between = (squares + PRIOR_PARTS * PRIOR_SPREAD**2) / (known + PRIOR_PARTS)
-    unseen = PRIOR_SPREAD**2 * PRIOR_PARTS / (parts + PRIOR_PARTS)
-    wider = stats.t.ppf(0.9, df=known + PRIOR_PARTS) * np.sqrt(between / parts + unseen)
-    return float(level * np.exp(wider))
+    between = (squares + PRIOR_PARTS * prior**2) / (known + PRIOR_PARTS)
+    unseen = prior**2 * PRIOR_PARTS / (parts + PRIOR_PARTS)
+    wider = stats.norm.ppf(_EVENLY) * np.sqrt(between / parts + unseen)
+    beyond = _tail(np.array(maxima) ** 2)
+    per_part = len(maxima) / parts
+
+    def too_often(log_level: float) -> float:
+        """Whether this level is exceeded more often than it may be: over all widths that the next part may have."""
+        stretches = beyond(np.exp(2.0 * (log_level - wider)))
+        return float(np.mean(1.0 - (1.0 - stretches) ** per_part)) - chance
+
+    low = high = float(np.log(max(np.median(maxima), 1e-9)))
+    while too_often(high) > 0.0:
+        high += 1.0
+    return float(np.exp(brentq(too_often, low - 1.0, high))) if high > low else float(np.exp(low))
 
 
-def _exceeded_with(squares: Float1D, chance: float) -> float:
-    """Level that one stretch's squared maximum exceeds with this chance."""
+def _tail(squares: Float1D) -> Callable[[Float1D], Float1D]:
+    """Squared levels to the chance that one stretch's squared maximum exceeds them; half at the median and below."""
     base = float(np.median(squares))
     excess = squares[squares > base] - base
     if len(excess) < 8:
         # Too few to fit a tail: that of a Gaussian's maximum, at the size that was seen.
-        return base * float(stats.norm.isf(chance / 2) / stats.norm.isf(0.25)) ** 2
+        unit = np.sqrt(base) / float(stats.norm.isf(0.25))
+        return lambda levels: np.minimum(2.0 * stats.norm.sf(np.sqrt(levels) / unit), 0.5)
     # Probability-weighted moments (Hosking & Wallis 1987): closed form, and steady on a few dozen maxima.
     excess = np.sort(excess)
     below = (np.arange(1, len(excess) + 1) - 0.35) / len(excess)
@@ -360,4 +394,4 @@ def _exceeded_with(squares: Float1D, chance: float) -> float:
     # Heavier than exponential only where the maxima show it by more than the estimate's own standard error.
     shape = float(np.clip(shape - 1.0 / np.sqrt(len(excess)), 0.0, LONGEST_TAIL))
     scale = first * (1.0 - shape)
-    return base + float(stats.genpareto.isf(min(2.0 * chance, 1.0), shape, scale=scale))
+    return lambda levels: 0.5 * stats.genpareto.sf(np.maximum(levels - base, 0.0), shape, scale=scale)
