@@ -103,7 +103,7 @@ def main(faults: int, kills: int, seed: int, rows: int) -> None:
     with tempfile.TemporaryDirectory(prefix="pido-chaos-") as temporary:
         root = Path(temporary)
         root.chmod(0o755)
-        short = [part.rows(slice(0, rows)) for part in made_up(11)]
+        short = [part.rows(slice(0, rows)) for part in made_up(12)]
         folders = [write_folder(p, root / p.part.part) for p in short]
         storm = Storm(root, folders[:3], short[0].part.machine, seed)
         click.echo(f"an undisturbed iteration takes {storm.seconds:.2f} s", err=True)

@@ -31,15 +31,17 @@ from pido.tracking import mirror, promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
+FORKS = "what runs are forked from"
 VICTIMS = {
     "PostgreSQL": "postgres -D",
     "Prefect server": "prefect server",
     "MLflow server": "mlflow server",
     "worker": "flows.serve",
     "watcher": "pido.cli watch",
-    "run of a part": "prefect.engine",
+    FORKS: "multiprocessing.forkserver",
+    "run of a part": "multiprocessing.forkserver",
 }
-"""How the process of each is told from the others by its command line."""
+"""How the process of each is told from the others by its command line; a run is a fork of what runs are forked from."""
 PATIENCE_S = 1500.0
 """Of a busy machine; a plant that is well takes a small part of it, s."""
 ZOMBIE_S = 120.0
@@ -84,8 +86,11 @@ class Plant:
 
     def process_of(self, victim: str) -> int | None:
         """Its process id, None while it has none."""
-        for process, command in processes():
-            if VICTIMS[victim] in command and _is_below(process, self._process.pid):
+        seen = dict(processes())
+        for process, command in seen.items():
+            forked = VICTIMS["run of a part"] in seen.get(_parent(process), "")
+            named = VICTIMS[victim] in command and forked == (victim == "run of a part")
+            if named and _is_below(process, self._process.pid):
                 return process
         return None
 
@@ -256,12 +261,20 @@ def settled(plant: Plant, machine: str, expected: dict[str, Any]) -> str:
         if not mirror.up_to_date(place):
             return "MLflow has not been told everything"
         found = full_state(place, machine)
-        return ", ".join(name for name in expected if found[name] != expected[name])
+        return ", ".join(name for name in expected if found[name] != expected[name]) or asked()
+
+    def asked() -> str:
+        from mlflow.exceptions import MlflowException
+
+        try:
+            return in_mlflow(plant, machine)
+        except MlflowException as error:  # it says that it is well a little before its database is
+            return str(error).splitlines()[0]
 
     end = time.monotonic() + PATIENCE_S
     while (fault := differs()) and time.monotonic() < end:
         time.sleep(1.0)
-    return fault or in_mlflow(plant, machine)
+    return fault
 
 
 def in_mlflow(plant: Plant, machine: str) -> str:
@@ -300,6 +313,8 @@ def _outcome(
     lost = len(set(expected["parts"]) - set(found["parts"])) + len(expected["decisions"]) - len(found["decisions"])
     doubled = len(found["parts"]) - len(set(found["parts"]))
     told = _told(plant, victim) - said
+    if victim == FORKS:
+        told = hits  # it is started again with the next run; a run that was at work goes on to its end
     if told < hits:
         print(f"{kind}: {hits} kills, but {told} lines about them", file=sys.stderr)
     return Outcome(kind, hits, hits, max(lost, 0), doubled, not fault and told >= hits)
@@ -318,15 +333,18 @@ def _log_of(plant: Plant, service: str) -> str:
 
 
 def _is_below(process: int, ancestor: int) -> bool:
-    while process > 1:
-        if process == ancestor:
-            return True
-        try:
-            text = Path(f"/proc/{process}/stat").read_text()
-        except OSError:
-            return False
-        process = int(text.rpartition(")")[2].split()[1])
-    return False
+    while process > 1 and process != ancestor:
+        process = _parent(process)
+    return process == ancestor
+
+
+def _parent(process: int) -> int:
+    """0 where it has ended meanwhile."""
+    try:
+        text = Path(f"/proc/{process}/stat").read_text()
+    except OSError:
+        return 0
+    return int(text.rpartition(")")[2].split()[1])
 
 
 def _line(found: Outcome) -> str:
