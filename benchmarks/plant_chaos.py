@@ -151,7 +151,7 @@ def victims_of(
         hits = sum(_kill(plant, victim, rng, span) for _ in range(kills))
         found.append(_outcome(f"{victim}, iteration", hits, plant, machine, reference(part), said, victim))
         say(_line(found[-1]))
-        if victim == "run of a part":
+        if victim in (FORKS, "run of a part"):
             continue  # decisions have no run; kills of the deciding process itself are another kind
         said, hits = _told(plant, victim), 0
         expected: dict[str, Any] = {}

@@ -239,6 +239,10 @@ def _first_alternative(claim: Claim, effect: Mapping[str, Any]) -> bool:
 
 
 def _inside(claim: Claim, effect: Mapping[str, Any]) -> tuple[int, int]:
+    """Sizes are compared: the truth has its coefficients positive, a finding has the sign by which it adds to the
+    current. Of a wrong coefficient the truth says what is right, a finding what has to be added: not comparable."""
+    if claim.mechanism.startswith("miscalibrated:"):
+        return 0, 0
     hits = total = 0
     for name, parameter in effect["parameters"].items():
         value = parameter["value"]
@@ -246,7 +250,7 @@ def _inside(claim: Claim, effect: Mapping[str, Any]) -> tuple[int, int]:
         if said is None or value is None or said[1] is None or said[2] is None:
             continue
         total += 1
-        hits += said[1] <= value <= said[2]
+        hits += said[1] <= value <= said[2] or said[1] <= -value <= said[2]
     return hits, total
 
 
