@@ -40,6 +40,9 @@ from pido.diagnosis.whiten import Averaged, Noise
 _BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
 _ANOTHER = 1.5  # times a length, speed or time constant of the simulation's: not the same
 _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term does not have
+# Of a simulated weight: a constant that is less of it is the sensor's. Zeros of current sensors are good to a percent
+# of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
+_ZERO = 0.02
 _HARDLY_MORE = 1 / 0.998  # times an error on unseen folds: as good
 
 
@@ -122,20 +125,45 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
 def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
     """`terms`, with the plain name for what no wrong coefficient of the simulation explains.
 
-    That is what is far larger than the simulation's own share of it, or has another length, speed or time constant.
+    That is what is far larger than the simulation's own share of it, has another length, speed or time constant, or is
+    in proportion to another quantity: a tool's weight is no wrong weight of the axis.
     """
+    terms = _sensor_or_weight(library, noise, terms, inside)
     joint = fit(library.mismatch, noise, terms)
     out = []
     for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
         part = inside.get(term.mechanism.id)
         if part is not None and term.name != term.mechanism.id:
             effect = (amplitudes @ term.columns(library.mismatch.states))[library.mismatch.usable]
-            new = float(np.sqrt(np.mean(effect**2))) > _BEYOND_WRONG * part.size
+            size = float(np.sqrt(np.mean(effect**2)))
+            new = size > _BEYOND_WRONG * part.size or _of_another_quantity(term, part.term)
             new |= _of_another_shape(library.mismatch, term, part.term, effect)
             if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
                 term = replace(term, name=term.mechanism.id)
         out.append(term)
     return out
+
+
+def _sensor_or_weight(
+    library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]
+) -> list[Term]:
+    """`terms`, with a constant on an axis whose weight is simulated named by its size: the two fit equally well."""
+    weight = inside.get("gravity_load")
+    names = ("sensor_offset", "miscalibrated:gravity_load")
+    which = [i for i, t in enumerate(terms) if t.name in names and not (t.gates or dict(t.shape).get("by_tool"))]
+    sensor = next((t for t in library.terms if t.name == names[0]), None)
+    if weight is None or sensor is None or len(which) != 1:
+        return list(terms)
+    (i,) = which
+    size = float(np.abs(fit(library.mismatch, noise, terms).amplitudes[i][0]))
+    constant = replace(weight.term, shape=(("by_tool", 0.0),), name=names[1])
+    return [*terms[:i], sensor if size < _ZERO * weight.size else constant, *terms[i + 1 :]]
+
+
+def _of_another_quantity(term: Term, own: Term) -> bool:
+    """Whether an effect is in proportion to something else than the simulation's own term is."""
+    name = term.mechanism.quantity
+    return name is not None and round(dict(term.shape)[name]) != round(dict(own.shape)[name])
 
 
 def _of_another_shape(mismatch: Mismatch, term: Term, own: Term, effect: Float1D) -> bool:

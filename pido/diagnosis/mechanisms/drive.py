@@ -69,6 +69,7 @@ class GravityLoad(Mechanism):
     shape = (choice("by_tool", 2),)
     axes = LINEAR_AXES
     summary = "{axis} axis, at all times, also at standstill"
+    quantity = "by_tool"
     follows_from = ("vertical", "tool_mass")
 
     def regressors(self, state, *, by_tool):
@@ -127,6 +128,7 @@ class AxisCoupling(Mechanism):
     equation = "dI = k * (a_j, v_j or sgn(v_j)), j another axis"
     amplitudes = (Parameter("k", "A per mm/s², mm/s or 1"),)
     shape = (choice("source", 9),)
+    quantity = "source"
 
     def regressors(self, state, *, source):
         j, kind = divmod(int(np.clip(round(source), 0, 8)), 3)
