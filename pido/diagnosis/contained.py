@@ -45,6 +45,8 @@ _LATER = frozenset(
         "backlash",
     }
 )
+# Laws of one curve over a few speeds: of a simulation that has one of them, its own current does not say which.
+_TOLD_BY_SPEED_ONLY = ("spindle_viscous_drag", "spindle_windage")
 NOT_A_COMPONENT = frozenset(
     {
         "sensor_gain",
@@ -82,7 +84,8 @@ def contained(
     problem = thin.with_target(np.where(thin.usable, sim + rng.normal(scale=level, size=thin.n), 0.0))
     # A constant is no mechanism, and must not be put together from halves of one.
     problem = replace(problem, base=thin.usable[None].astype(float), base_names=("constant",))
-    offered = [t for m in own for t in grid_terms(m, problem.states)]
+    # What a simulation holds at rest has a name of its own, and is not asked for within other laws.
+    offered = [t for m in own for t in grid_terms(m, problem.states) if not dict(t.shape).get("rest")]
     # A simulation may round its signs and delay its transients: where all mechanisms at once do not reproduce it, one
     # of them must not be made to.
     amiss = maximum_filter1d(np.abs(left_over(problem, coarse_columns(problem, offered), None)), _AROUND)
@@ -100,6 +103,10 @@ def contained(
         size = _size(library, faint, usual if term in usual else every, term)
         if size > least and lasting(mismatch, term) > _LASTING:
             out[term.mechanism.id] = Component(term, size)
+    for mine, other in (_TOLD_BY_SPEED_ONLY, _TOLD_BY_SPEED_ONLY[::-1]):
+        twin = next((t for t in offered if t.mechanism.id == other), None)
+        if mine in out and twin is not None:
+            out.setdefault(other, Component(twin, out[mine].size))
     level_of_all = abs(float(fit(problem, faint, every).base[0]))
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.

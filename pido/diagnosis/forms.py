@@ -29,7 +29,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     own, or nearly all of it is held at standstill, they are two findings. Where the simulation has no Coulomb friction
     at all, a whole presliding friction is that friction and what sgn(v) lacks of it after a reversal.
     """
-    out = _without_limits(library.mismatch, _without_places(library, list(terms)))
+    out = _without_limits(library.mismatch, _without_drift(library, _without_places(library, list(terms))))
     out = _without_whole_presliding(library, noise, out)
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
     if standing is not None and standing.name not in {t.name for t in out}:
@@ -87,6 +87,31 @@ def _without_places(library: Library, terms: list[Term]) -> list[Term]:
     trial = [*terms[:at], replace(coulomb, gates=terms[at].gates), *terms[at + 1 :]]
     none, flat, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, trial, terms))
     return trial if none - flat > (1 - MISFIT) * (none - whole) > 0 else terms
+
+
+# What a drift is where it does not drift, in the order of its choice `along`.
+_STEADY = (
+    ("gravity_load", "sensor_offset"),
+    ("coulomb_friction",),
+    ("viscous_friction", "spindle_viscous_drag"),
+)
+
+
+def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
+    """`terms` with a steady load for one that drifts with the temperature, where nearly all that this removes is its
+    mean: a first order drift is a constant with three more numbers."""
+    at = next((i for i, t in enumerate(terms) if t.mechanism.id == "thermal_drift"), None)
+    if at is None:
+        return terms
+    steady = _STEADY[round(dict(terms[at].shape)["along"])]
+    rest = [t for k, t in enumerate(terms) if k != at]
+    taken = {t.name for t in rest}
+    for other in {t.name: t for t in library.terms if t.mechanism.id in steady and t.name not in taken}.values():
+        trial = [*terms[:at], replace(other, gates=terms[at].gates), *terms[at + 1 :]]
+        none, flat, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, trial, terms))
+        if none - flat > (1 - MISFIT) * (none - whole) > 0:
+            return trial
+    return terms
 
 
 def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:

@@ -9,6 +9,7 @@ effects show only once the large ones are out); only then the strict tests.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -49,6 +50,11 @@ LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term
 # whose shape is free, and of one that can take a single form only.
 MISFIT, MISFIT_PLAIN = 0.04, 0.01
+# The same around stops and reversals. What acts there is quick beside the control loop and the filters that it goes
+# through, and turns within micrometres that no record shows: a textbook form is right to a good part of it only.
+MISFIT_AT_STOPS = 0.25
+AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
+CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
 SMALL = 0.12  # the same share for a finding that is small in its own right
 _FEW_LASTING = 20  # rows
 _NEARLY_ALL = 0.7
@@ -351,6 +357,9 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
     effects = [a @ t.columns(mismatch.states) for t, a in zip(terms, joint.amplitudes, strict=True)]
     every = cross_residual(mismatch, noise, terms)
     level = float(np.median(noise.level))
+    i = _cancelled(effects, mismatch.usable)
+    if i is not None:
+        return i, "another finding takes nearly all of it back: together they stand for something else"
     for i, term in enumerate(terms):
         acts = acting(mismatch, effects[i])
         rms = float(np.sqrt(np.mean(effects[i][acts] ** 2))) if acts.any() else 0.0
@@ -375,16 +384,30 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
     return _misfit(mismatch, noise, terms, effects)
 
 
+def _cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:
+    """The smaller of two effects that take each other back nearly everywhere; None where there are none."""
+    power = [float(np.sum(e[rows] ** 2)) for e in effects]
+    for i, j in itertools.combinations(range(len(effects)), 2):
+        if float(np.sum((effects[i] + effects[j])[rows] ** 2)) < CANCELLED * min(power[i], power[j]):
+            return i if power[i] < power[j] else j
+    return None
+
+
 def _misfit(
     mismatch: Mismatch, noise: Noise, terms: Sequence[Term], effects: Sequence[Float1D]
 ) -> tuple[int, str | None]:
     """The term that adds the least to those stronger than it where it acts, if that is only what their forms lack.
 
     In the order in which each adds most: beside all others, a true effect may look small because they share it out.
+    Where the simulation was moved in time, that is the first model: what the samples do not say between them, and what
+    a filter or a clock that is not quite even adds, is left of every change of the current.
     """
-    none = before = cross_residual(mismatch, noise, [])
+    before = cross_residual(mismatch, noise, [])
+    moved = mismatch.before_moving
+    none = before if moved is None else moved
     level = float(np.median(noise.level))
     kept: list[int] = []
+    at_stops = 0.0
     least, which = np.inf, 0
     while len(kept) < len(terms):
         left = [i for i in range(len(terms)) if i not in kept]
@@ -393,16 +416,31 @@ def _misfit(
         acts = acting(mismatch, effects[i])
         added = float(np.mean((before**2 - trials[i] ** 2)[acts])) if acts.any() else 0.0
         share = added / max(float(np.mean((none**2 - trials[i] ** 2)[acts])), 1e-30) if acts.any() else 0.0
+        whole = float(np.sum((before**2 - trials[i] ** 2)[mismatch.usable]))
+        of_stops = _of_stops(terms[i], [terms[k] for k in kept])
+        if of_stops and at_stops > 0:
+            # A form that acts in few rows mends them well: it is asked for its share of all that the others remove.
+            share = min(share, whole / at_stops)
+        at_stops += max(whole, 0.0) if terms[i].mechanism.id in AT_STOPS else 0.0
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
-        small = share < (MISFIT if free else MISFIT_PLAIN) or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
-        small = small and not less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != i], WORTH)
-        if kept and small and share < least and terms[i].mechanism.id != "external_force":
+        small = share < (MISFIT_AT_STOPS if of_stops else MISFIT if free else MISFIT_PLAIN)
+        small = small or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
+        if terms[i].mechanism.id not in AT_STOPS and moved is None:
+            small = small and not less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != i], WORTH)
+        small = small or (moved is not None and share < SMALL)
+        if (kept or moved is not None) and small and share < least and terms[i].mechanism.id != "external_force":
             least, which = share, i
         kept.append(i)
         before = trials[i]
     if np.isinf(least):
         return 0, None
     return which, f"{max(least, 0.0):.1%} of what is removed where it acts: a misfit of stronger findings"
+
+
+def _of_stops(term: Term, stronger: Sequence[Term]) -> bool:
+    """Whether a term acts around stops and reversals, or is what no name says beside one that does."""
+    beside = term.name == "unknown" and any(t.mechanism.id in AT_STOPS for t in stronger)
+    return beside or term.mechanism.id in AT_STOPS
 
 
 def lasting(mismatch: Mismatch, term: Term) -> float:

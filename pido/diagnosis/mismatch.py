@@ -40,6 +40,7 @@ class Mismatch:
     usable : (n,) – rows that may be fitted
     noise_class : (n,) – class of state with a noise level of its own
     stride : rows of the recording that one row here stands for
+    before_moving : (n,), A – the target before the simulation was moved in time, where it was
     """
 
     axis: str
@@ -54,6 +55,7 @@ class Mismatch:
     usable: Bool1D
     noise_class: Int1D
     stride: int = 1
+    before_moving: Float1D | None = None
 
     @property
     def n(self) -> int:

@@ -126,10 +126,13 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
     """`terms`, with the plain name for what no wrong coefficient of the simulation explains.
 
     That is what is far larger than the simulation's own share of it, has another length, speed or time constant, or is
-    in proportion to another quantity: a tool's weight is no wrong weight of the axis.
+    in proportion to another quantity: a tool's weight is no wrong weight of the axis. A simulated friction that turns
+    over a small way is Coulomb's all the same: where all of it is too large or too small, it is that number that is
+    wrong.
     """
     terms = _sensor_or_weight(library, noise, terms, inside)
     joint = fit(library.mismatch, noise, terms)
+    coulomb = "miscalibrated:coulomb_friction"
     out = []
     for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
         part = inside.get(term.mechanism.id)
@@ -140,6 +143,9 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
             new |= _of_another_shape(library.mismatch, term, part.term, effect)
             if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
                 term = replace(term, name=term.mechanism.id)
+            elif _is_whole_friction(term) and coulomb not in {t.name for t in terms}:
+                inner = "coulomb_friction" in inside or _is_whole_friction(part.term)
+                term = replace(term, name=coulomb) if inner else term
         out.append(term)
     return out
 
@@ -158,6 +164,10 @@ def _sensor_or_weight(
     size = float(np.abs(fit(library.mismatch, noise, terms).amplitudes[i][0]))
     constant = replace(weight.term, shape=(("by_tool", 0.0),), name=names[1])
     return [*terms[:i], sensor if size < _ZERO * weight.size else constant, *terms[i + 1 :]]
+
+
+def _is_whole_friction(term: Term) -> bool:
+    return term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0
 
 
 def _of_another_quantity(term: Term, own: Term) -> bool:

@@ -68,7 +68,8 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
 
 def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:
     """The same axis compared with the simulation at the right time."""
-    return replace(mismatch, target=_compared(mismatch, _shifted(mismatch, (delay.offset, delay.drift))))
+    moved = _compared(mismatch, _shifted(mismatch, (delay.offset, delay.drift)))
+    return replace(mismatch, target=moved, before_moving=mismatch.target)
 
 
 def _steady(

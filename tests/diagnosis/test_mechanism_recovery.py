@@ -302,6 +302,13 @@ ROWS = [
         {"F_s - F_c": 0.5, "v_s": 6},
         0.9,
     ),
+    (
+        "stribeck_friction",
+        "x",
+        lambda f: 0.5 * np.exp(-((f.v["x"] / 3) ** 2)) * last_sign(f.v["x"]),
+        {"F_s - F_c": 0.5, "v_s": 3, "rest": 1},
+        0.9,
+    ),
     ("stribeck_friction", "x", lambda f: 0.5 / (1 + (f.v["x"] / 4) ** 2) * sgn(f), {}, 0.85),
     ("standstill_friction", "x", lambda f: 0.3 * last_sign(f.v["x"]) * (f.v["x"] == 0), {"F_h": 0.3}, 0.95),
     ("friction_asymmetry", "x", lambda f: 0.3 * (f.v["x"] > 0), {"dF_c": 0.3}, 0.97),

@@ -66,23 +66,33 @@ class ViscousFriction(Mechanism):
 
 
 class StribeckFriction(Mechanism):
-    """Friction that rises as the axis slows down (Stribeck 1902; Armstrong-Hélouvry 1994)."""
+    """Friction that rises as the axis slows down (Stribeck 1902; Armstrong-Hélouvry 1994).
+
+    rest : 0 nothing at standstill; 1 the drive goes on holding against the static friction with which the axis stopped
+    """
 
     id = "stribeck_friction"
     transient = True
-    equation = "dI = (F_s - F_c) * exp(-(|v| / v_s)^delta) * sgn(v)"
+    equation = "dI = (F_s - F_c) * exp(-(|v| / v_s)^delta) * sgn(v), at rest 0 or with the sign of the last motion"
     amplitudes = (Parameter("F_s - F_c", "A", low=0.0),)
     shape = (
         Parameter("v_s", "mm/s", low=0.05, high=40.0, scale="log", points=9),
         Parameter("delta", "–", low=0.5, high=2.0, values=(1.0, 2.0)),
+        choice("rest", 2),
     )
     axes = LINEAR_AXES
 
-    def regressors(self, state, *, v_s, delta):
-        return column(stribeck_curve(state.v, v_s, delta) * direction(state))
+    def regressors(self, state, *, v_s, delta, rest=0.0):
+        return column(stribeck_curve(state.v, v_s, delta) * (state.held if round(rest) else direction(state)))
 
     def needs(self, states):
         return moves(states)
+
+    def starts(self, states):
+        """With what holds at rest only curves that have fallen off at usual speeds: otherwise it is Coulomb's."""
+        fast = [np.abs(s.v[s.moving & np.isfinite(s.v)]) for s in states]
+        usual = float(np.median(np.concatenate(fast) if any(map(len, fast)) else np.zeros(1)))
+        return tuple(x for x in super().starts(states) if x["rest"] == 0.0 or x["v_s"] <= usual)
 
     def conditions(self, axis, shape):
         limit = 1.5 * shape["v_s"]

@@ -1,0 +1,103 @@
+"""One effect gets one name: what mends the form of a finding, or takes another one back, is no finding of its own."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.contained import contained
+from pido.diagnosis.diagnose import diagnose
+from pido.diagnosis.forms import plainest
+from pido.diagnosis.identify import Answer, confirm
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mismatch import Mismatch, lay_out
+from pido.diagnosis.search import first_look, search
+from pido.diagnosis.select import Library
+from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import Term
+from pido.diagnosis.whiten import Noise
+
+NOISE = 0.02
+BY_ID = {m.id: m for m in CATALOGUE}
+
+
+def recordings(count=3, rows=2000):
+    """x goes to and fro at many feeds with stops; the spindle changes its speed. One sample in 0.02 s."""
+    for k in range(count):
+        rng = np.random.default_rng(k)
+        t = np.arange(rows) * 0.02
+        v = np.repeat(rng.choice([0.0, 0.4, 1.5, 5.0, 12.0], rows // 40) * rng.choice([-1, 1], rows // 40), 40)
+        v = np.convolve(v, np.hanning(11)[1:-1] / np.hanning(11).sum(), "same")
+        v_sp = np.convolve(np.repeat(rng.choice([6e3, 1.2e4, 2.4e4], rows // 200), 200), np.ones(50) / 50, "same")
+        columns = {
+            "time": t, "v_x": v, "pos_x": np.cumsum(v) * 0.02, "a_x": np.gradient(v, t),
+            "v_sp": v_sp, "a_sp": np.gradient(v_sp, t),
+            "curr_x_sim": 0.5 * np.sign(np.where(np.abs(v) > 0.02, v, 0)) + 0.004 * np.gradient(v, t),
+            "curr_sp_sim": 4e-9 * v_sp**2 + 2e-4 * np.gradient(v_sp, t),
+        }  # fmt: skip
+        yield Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1, start_time_s=100.0 * k), columns)
+
+
+def laid_out(effect, axis="x") -> tuple[Mismatch, Noise]:
+    """effect : state -> (n,), A, beside white noise; and that noise as it is."""
+    rng = np.random.default_rng(5)
+    states = axis_states(list(recordings()), axis)
+    mismatch = lay_out(states, [effect(s) + rng.normal(0, NOISE, len(s.time)) for s in states])
+    return mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+
+
+def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
+    def delayed(state):
+        friction = 0.3 * np.exp(-((state.v / 2.0) ** 2)) * state.held
+        return lfilter([0.3], [1, -0.7], friction)
+
+    rng = np.random.default_rng(0)
+    answer = search(first_look(laid_out(delayed)[0], rng), 1, False, rng)
+    assert [t.name for t in answer.terms] == ["stribeck_friction"]
+
+
+def test_two_findings_that_take_each_other_back_do_not_both_stand():
+    mismatch, noise = laid_out(lambda s: 0.4 * np.clip(s.sim, -0.05, 0.05))
+    gain, bent = Term(BY_ID["sensor_gain"]), Term(BY_ID["current_saturation"], (("I_k", 0.05), ("form", 0.0)))
+    library = Library(mismatch, [gain, bent])
+    library.whiten(noise)
+    assert len(confirm(library, noise, [gain, bent], Answer("x"), 2)) < 2
+
+
+def test_a_drift_that_is_nearly_all_mean_is_the_steady_load():
+    mismatch, noise = laid_out(lambda s: 0.03 * s.held * s.moving)
+    drift = Term(BY_ID["thermal_drift"], (("tau", 4000.0), ("clock", 0.0), ("along", 1.0), ("rises", 0.0)))
+    library = Library(mismatch, [drift, Term(BY_ID["coulomb_friction"])])
+    library.whiten(noise)
+    assert [t.name for t in plainest(library, noise, [drift])] == ["coulomb_friction"]
+
+
+def test_a_drift_that_drifts_stays_one():
+    mismatch, noise = laid_out(lambda s: 0.1 * np.exp(-s.time / 10.0) * s.held * s.moving)
+    drift = Term(BY_ID["thermal_drift"], (("tau", 10.0), ("clock", 0.0), ("along", 1.0), ("rises", 0.0)))
+    library = Library(mismatch, [drift, Term(BY_ID["coulomb_friction"])])
+    library.whiten(noise)
+    assert [t.name for t in plainest(library, noise, [drift])] == ["thermal_drift"]
+
+
+def test_a_simulation_with_one_drag_of_the_spindle_may_be_wrong_in_either():
+    mismatch, noise = laid_out(lambda s: np.zeros(len(s.time)), "sp")
+    inside = contained(mismatch, CATALOGUE, noise, np.random.default_rng(0))
+    assert {"spindle_windage", "spindle_viscous_drag"} <= set(inside)
+
+
+@pytest.mark.parametrize("late", [0.13, 0.25])
+def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late):
+    def shifted(recording, rng):
+        t, sim = recording.time, recording["curr_x_sim"]
+        fine = np.arange(0.0, t[-1], 0.001)
+        # What the simulation is between its samples nobody knows: here it goes in steps.
+        steps = sim[np.clip(np.searchsorted(t, fine, side="right") - 1, 0, len(t) - 1)]
+        late_one = np.interp(t - late, fine, steps)
+        keep = {k: recording[k] for k in ("time", "v_x", "pos_x", "a_x", "curr_x_sim")}
+        return Recording(recording.part, keep | {"curr_x": late_one + rng.normal(0, NOISE, len(t))})
+
+    rng = np.random.default_rng(2)
+    found = diagnose([shifted(r, rng) for r in recordings()])
+    assert [(f.axis, f.mechanism) for f in found.findings] == [("x", "time_misalignment")]
