@@ -9,7 +9,6 @@ effects show only once the large ones are out); only then the strict tests.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -381,15 +380,44 @@ def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[i
         gain = noise.whiten(before[None])[0] ** 2 - noise.whiten(after[None])[0] ** 2
         if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
             return i, "no gain on parts that were not fitted"
+    i = _mends_at_stops(mismatch, noise, terms)
+    if i is not None:
+        return i, "it hardly adds to what the others around stops and reversals remove: it mends their form"
     return _misfit(mismatch, noise, terms, effects)
 
 
+def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> int | None:
+    """Of several terms around stops and reversals the one that is missed least, where that is little of what they
+    remove together; None where each is needed.
+    """
+    family = [i for i, t in enumerate(terms) if t.mechanism.id in AT_STOPS]
+    if len(family) < 2:
+        return None
+
+    def error(without: Sequence[int]) -> float:
+        left = cross_residual(mismatch, noise, [t for i, t in enumerate(terms) if i not in without])
+        return float(np.sum(left[mismatch.usable] ** 2))
+
+    whole = error([])
+    missed = {i: error([i]) - whole for i in family}
+    least = min(family, key=missed.__getitem__)
+    return least if missed[least] < MISFIT_AT_STOPS * (error(family) - whole) else None
+
+
 def _cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:
-    """The smaller of two effects that take each other back nearly everywhere; None where there are none."""
-    power = [float(np.sum(e[rows] ** 2)) for e in effects]
-    for i, j in itertools.combinations(range(len(effects)), 2):
-        if float(np.sum((effects[i] + effects[j])[rows] ** 2)) < CANCELLED * min(power[i], power[j]):
-            return i if power[i] < power[j] else j
+    """An effect that the others, alone or together, take back nearly everywhere; None where there is none.
+
+    Of two that take each other back, the smaller.
+    """
+    if len(effects) < 2:
+        return None
+    every = np.array([e[rows] for e in effects])
+    power = np.sum(every**2, axis=1)
+    whole = np.sum(every, axis=0)
+    for i in np.argsort(power):
+        beside = [every[j] for j in range(len(every)) if j != i] + [whole - every[i]]
+        if any(np.sum((every[i] + o) ** 2) < CANCELLED * min(power[i], float(o @ o)) for o in beside):
+            return int(i)
     return None
 
 
