@@ -50,8 +50,9 @@ LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 # whose shape is free, and of one that can take a single form only.
 MISFIT, MISFIT_PLAIN = 0.04, 0.01
 # The same around stops and reversals. What acts there is quick beside the control loop and the filters that it goes
-# through, and turns within micrometres that no record shows: a textbook form is right to a good part of it only.
-MISFIT_AT_STOPS = 0.25
+# through, and turns within micrometres that no record shows: a textbook form is right to a good part of it only. One
+# that takes WORTH of the error on unseen folds away stays nevertheless: a correction is better with it.
+MISFIT_AT_STOPS = 0.08
 AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
 CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
 SMALL = 0.12  # the same share for a finding that is small in its own right
@@ -401,7 +402,9 @@ def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> 
     whole = error([])
     missed = {i: error([i]) - whole for i in family}
     least = min(family, key=missed.__getitem__)
-    return least if missed[least] < MISFIT_AT_STOPS * (error(family) - whole) else None
+    little = missed[least] < MISFIT_AT_STOPS * (error(family) - whole)
+    worth = less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != least], WORTH)
+    return least if little and not worth else None
 
 
 def _cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:
@@ -453,7 +456,7 @@ def _misfit(
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
         small = share < (MISFIT_AT_STOPS if of_stops else MISFIT if free else MISFIT_PLAIN)
         small = small or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
-        if terms[i].mechanism.id not in AT_STOPS and moved is None:
+        if moved is None:
             small = small and not less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != i], WORTH)
         small = small or (moved is not None and share < SMALL)
         if (kept or moved is not None) and small and share < least and terms[i].mechanism.id != "external_force":

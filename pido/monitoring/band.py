@@ -37,8 +37,8 @@ PRIOR_WINDOWS = 8.0
 """A block's own centre and spread weigh as much as the pooled ones once this many independent windows were seen."""
 PRIOR_PARTS = 3.0
 PRIOR_SPREAD, OF_STRANGERS, OF_A_LAW = 0.25, 0.6, 0.3
-"""Before parts were seen: their log spreads differ by this much, as if that had been found on PRIOR_PARTS parts; by more
-where parts are strangers to one another, unless the axis follows a law that held on parts left out."""
+"""Before parts were seen: their log spreads differ by this much, as if that had been found on PRIOR_PARTS parts; by
+more where parts are strangers to one another, unless the axis follows a law that held on parts left out."""
 STRANGE = 0.15
 """Parts are strangers where half of a part's samples lie further than this from all that the model has learnt from, in
 spreads of the model's inputs. The same program again lies ten times closer, another one two to three times further."""
@@ -336,7 +336,11 @@ def _width(band: Band, windows: dict[str, list[_Windows]]) -> float:
 
 
 def _threshold(
-    splits: Sequence[list[tuple[Sequence[_Windows], list[_Windows], _State]]], blocks: bool, parts: int, chance: float, prior: float
+    splits: Sequence[list[tuple[Sequence[_Windows], list[_Windows], _State]]],
+    blocks: bool,
+    parts: int,
+    chance: float,
+    prior: float,
 ) -> float:
     """In spreads: what the largest window of a part, over these axes, exceeds with this chance.
 
