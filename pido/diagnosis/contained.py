@@ -45,8 +45,6 @@ _LATER = frozenset(
         "backlash",
     }
 )
-# Laws of one curve over a few speeds: of a simulation that has one of them, its own current does not say which.
-_TOLD_BY_SPEED_ONLY = ("spindle_viscous_drag", "spindle_windage")
 NOT_A_COMPONENT = frozenset(
     {
         "sensor_gain",
@@ -103,10 +101,6 @@ def contained(
         size = _size(library, faint, usual if term in usual else every, term)
         if size > least and lasting(mismatch, term) > _LASTING:
             out[term.mechanism.id] = Component(term, size)
-    for mine, other in (_TOLD_BY_SPEED_ONLY, _TOLD_BY_SPEED_ONLY[::-1]):
-        twin = next((t for t in offered if t.mechanism.id == other), None)
-        if mine in out and twin is not None:
-            out.setdefault(other, Component(twin, out[mine].size))
     level_of_all = abs(float(fit(problem, faint, every).base[0]))
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.

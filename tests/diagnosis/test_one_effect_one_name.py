@@ -6,7 +6,6 @@ from scipy.signal import lfilter
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.identify import Answer, confirm
@@ -79,12 +78,6 @@ def test_a_drift_that_drifts_stays_one():
     library = Library(mismatch, [drift, Term(BY_ID["coulomb_friction"])])
     library.whiten(noise)
     assert [t.name for t in plainest(library, noise, [drift])] == ["thermal_drift"]
-
-
-def test_a_simulation_with_one_drag_of_the_spindle_may_be_wrong_in_either():
-    mismatch, noise = laid_out(lambda s: np.zeros(len(s.time)), "sp")
-    inside = contained(mismatch, CATALOGUE, noise, np.random.default_rng(0))
-    assert {"spindle_windage", "spindle_viscous_drag"} <= set(inside)
 
 
 @pytest.mark.parametrize("late", [0.13, 0.25])
