@@ -232,15 +232,13 @@ def until(look: Callable[[], Any], fault: str, check: Callable[[], None] = lambd
 
 def _kill(plant: Plant, victim: str, rng: random.Random, span: float) -> int:
     """kill -9 at a random moment; one that is not there any more, or not yet again, is waited for."""
-    time.sleep(rng.uniform(0, span))
     if victim == "run of a part":
-        end = time.monotonic() + span
-        while (process := plant.process_of(victim)) is None and time.monotonic() < end:
-            time.sleep(0.1)
-        if process is None:
+        until(lambda: plant.process_of(victim) or not any(plant.workspace.inbox.iterdir()), "no run was asked for")
+        time.sleep(rng.uniform(0, 0.3 * span))
+        if (process := plant.process_of(victim)) is None:
             return 0  # the part is done
-        time.sleep(rng.uniform(0, 0.5 * span))
     else:
+        time.sleep(rng.uniform(0, span))
         process = until(lambda: plant.process_of(victim), f"{victim} was not started again")
     try:
         os.kill(process, signal.SIGKILL)
