@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
@@ -379,7 +379,7 @@ def _threshold(
     low = high = float(np.log(max(np.median(maxima), 1e-9)))
     while too_often(high) > 0.0:
         high += 1.0
-    return float(np.exp(brentq(too_often, low - 1.0, high))) if high > low else float(np.exp(low))
+    return float(np.exp(root_scalar(too_often, bracket=(low - 1.0, high), method="brentq").root if high > low else low))
 
 
 def _tail(squares: Float1D) -> Callable[[Float1D], Float1D]:
