@@ -25,6 +25,7 @@ import click
 import numpy as np
 
 from pido.core.axes import AXES
+from pido.core.machining import Machine
 from pido.core.samples import Samples
 from pido.models.axis_models import AxisModels
 from pido.models.inputs import model_inputs
@@ -33,7 +34,7 @@ from pido.monitoring.band import learn
 from pido.monitoring.doubt import Support
 from pido.monitoring.residuals import PartResiduals, window_mean, window_samples
 from pido.process.samples import to_samples
-from pido.supervision.residuals import in_stretches, on_the_clock
+from pido.supervision.residuals import Said, in_stretches, on_the_clock
 from pido.synthetic import families
 from pido.synthetic.machine import Produced, VirtualMill, produce
 from pido.synthetic.mills import newer_vertical, worn_horizontal
@@ -90,11 +91,11 @@ def campaign(kind: str, seed: int, watched: int) -> dict[int, Counts]:
     ]
     result = {}
     for known in (1, 3):
-        band = learn(_held_out(parts[:known], samples[:known]))
+        band = learn(_held_out(parts[:known], samples[:known], mill.machine))
         models, near = _learnt(samples[:known])
         counts = Counts()
         for i in range(3, len(parts)):
-            good = _residuals(parts[i], samples[i], models, near)
+            good = _residuals(parts[i], samples[i], models, near, mill.machine)
             counts += Counts(good=1, alarmed=not judge(good, band).good)
             counts += Counts(peer_alarmed=kind == "series" and _envelope(parts[:known], parts[i]))
             found = changed[i]
@@ -105,7 +106,7 @@ def campaign(kind: str, seed: int, watched: int) -> dict[int, Counts]:
                 counts += Counts(invisible=1)
                 continue
             rows = to_samples(bad.recording, mill.machine, "changed")
-            alarms = judge(_residuals(bad, rows, models, near), band).alarms
+            alarms = judge(_residuals(bad, rows, models, near, mill.machine), band).alarms
             hit = any(a.t_start <= end + band.window_s and a.t_end >= start for a in alarms)
             counts += Counts(changed=1, found=hit, peer_found=kind == "series" and _envelope(parts[:known], bad))
         result[known] = counts
@@ -146,15 +147,15 @@ def _production(kind: str, seed: int, count: int) -> tuple[VirtualMill, list[Cou
     return mill, mill.plan(jobs)
 
 
-def _held_out(parts: Sequence[Produced], samples: Sequence[Samples]) -> list[PartResiduals]:
+def _held_out(parts: Sequence[Produced], samples: Sequence[Samples], machine: Machine) -> list[PartResiduals]:
     from pido.iteration import Recipe
 
     if len(parts) == 1:
-        said, away = in_stretches(samples[0], Recipe(), 0)
+        said, away = in_stretches(samples[0], Recipe(), 0, machine)
         inputs = model_inputs(samples[0], "extended")
         return [on_the_clock("0", parts[0].recording, samples[0], inputs, said, away)[0]]
     return [
-        _residuals(parts[k], samples[k], *_learnt([s for j, s in enumerate(samples) if j != k]))
+        _residuals(parts[k], samples[k], *_learnt([s for j, s in enumerate(samples) if j != k]), machine)
         for k in range(len(parts))
     ]
 
@@ -164,11 +165,10 @@ def _learnt(samples: Sequence[Samples]) -> tuple[AxisModels, Support]:
     return AxisModels.fit(rows), Support(model_inputs(rows, "extended"))
 
 
-def _residuals(part: Produced, samples: Samples, models: AxisModels, near: Support) -> PartResiduals:
+def _residuals(part: Produced, samples: Samples, models: AxisModels, near: Support, machine: Machine) -> PartResiduals:
     inputs = model_inputs(samples, "extended")
-    return on_the_clock(
-        part.job.name, part.recording, samples, inputs, models.predict_inputs(inputs), near.distance(inputs)
-    )[0]
+    said = Said.by(models, inputs, machine)
+    return on_the_clock(part.job.name, part.recording, samples, inputs, said, near.distance(inputs))[0]
 
 
 def _visibility(good: Produced, bad: Produced, start: float, end: float) -> float:

@@ -38,13 +38,14 @@ from pido.models.axis_models import AxisModels, Trained
 from pido.models.inputs import NAMES, InputKind, model_inputs
 from pido.models.metrics import metrics
 from pido.models.promotion import gate
+from pido.monitoring.standing import other_end
 from pido.parts import entry_of, ingest, machine_of, recipe_of, samples_of, samples_path
 from pido.rows import training_rows
 from pido.sampling.method import Adaptation
 from pido.store import Store
 from pido.tracking import bundle, mirror, model_files, promotion
 from pido.tracking.ledger import Ledger
-from pido.tracking.report_files import RunFiles
+from pido.tracking.report_files import OTHER_END, RunFiles
 from pido.workspace import Workspace, code_version, digest_of
 
 __all__ = ["STAGES", "begin", "clear", "done", "ingest", "log", "machines", "outcome"]
@@ -217,6 +218,9 @@ def retrain(place: _Place) -> None:
             models = iteration.retrain(rows, generated, weights, variant, place.recipe, place.seed, trained)
             said[variant] = models.predict(place.path(BEFORE))
         _save_predictions(place.folder / "said.parquet", said)
+        inputs = model_inputs(place.path(BEFORE), models.inputs)  # `both` is the last of the variants
+        end = other_end(models.by_axis, inputs, place.machine)
+        _save_predictions(place.folder / "other_end.parquet", {OTHER_END: end})
     models = iteration.retrain(
         place.rows(ALL), place.generated(ALL), place.weights(ALL), "both", place.recipe, place.seed,
         _trained(place.folder, ALL),
@@ -410,6 +414,7 @@ def _trace(place: _Place) -> pd.DataFrame:
     if BEFORE not in place.sets():
         return pd.DataFrame({"time": []})
     path, said = place.path(BEFORE), _load_predictions(place.folder / "said.parquet")
+    said |= _load_predictions(place.folder / "other_end.parquet")
     columns = {"time": path.row / place.workspace.settings.rate_hz}
     for i, axis in enumerate(AXES):
         columns[f"measured_{axis}"] = path.currents[:, i]

@@ -122,6 +122,11 @@ class AxisModels:
         return out
 
     @property
+    def by_axis(self) -> dict[str, Callable[[Float2D], Float1D]]:
+        """Per axis that has a model: from the columns of `predict_inputs` to its current (n,), A."""
+        return {axis: model.predict for axis, model in self.models.items()}
+
+    @property
     def input_names(self) -> tuple[str, ...]:
         """Columns that the models take, in order."""
         return NAMES[self.inputs]

@@ -31,10 +31,10 @@ from pido.monitoring.answers import to_calibrate_on
 from pido.monitoring.band import Band, learn
 from pido.monitoring.likeness import looks_like
 from pido.monitoring.residuals import PartResiduals
-from pido.parts import at_rate, look_at, recipe_of, samples_of
+from pido.parts import at_rate, look_at, machine_of, recipe_of, samples_of
 from pido.store import Store
 from pido.supervision.book import Book, alarm_id
-from pido.supervision.residuals import held_out, known_residuals, on_the_clock, support
+from pido.supervision.residuals import Said, held_out, known_residuals, on_the_clock, support
 from pido.tracking import bundle, promotion
 from pido.tracking.bundle import Bundle
 from pido.tracking.ledger import Ledger
@@ -125,15 +125,16 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
     else:
         inputs = model_inputs(samples, expect.models.inputs)
         doubt = expect.distance(inputs)
-        residuals, rows = on_the_clock(digest, recording, samples, inputs, expect.models.predict_inputs(inputs), doubt)
+        said = Said.by(expect.models, inputs, machine_of(workspace, machine))
+        residuals, rows = on_the_clock(digest, recording, samples, inputs, said, doubt)
     band = expect.band(tolerate, without=digest)
     verdict = judge(residuals, band)
     signals = {name: samples.inputs[:, i] for i, name in enumerate(INPUTS)}
     if "coolant" in recording:
         signals["coolant"] = np.asarray(recording["coolant"], float)[samples.row]
-    said = Book(workspace, machine).answered()
+    answered = Book(workspace, machine).answered()
     alarms = tuple(
-        NamedAlarm(name, a, _likeness(a, residuals, rows, signals), said.get(name, ""))
+        NamedAlarm(name, a, _likeness(a, residuals, rows, signals), answered.get(name, ""))
         for a in verdict.alarms
         for name in [alarm_id(machine, digest, a)]
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.columns import TIME
 from pido.core.files import replacing
+from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.feature_space.regional import folds
@@ -28,7 +30,8 @@ from pido.models.axis_models import AxisModels
 from pido.models.inputs import model_inputs
 from pido.monitoring.doubt import Support
 from pido.monitoring.residuals import WINDOW_S, PartResiduals
-from pido.parts import at_rate, recipe_of, samples_of
+from pido.monitoring.standing import explained, other_end
+from pido.parts import at_rate, machine_of, recipe_of, samples_of
 from pido.store import Store
 from pido.tracking import report_files
 from pido.tracking.ledger import Iteration, Ledger
@@ -38,6 +41,24 @@ log = logging.getLogger(__name__)
 _INPUT = "input_"
 STRETCHES = 6
 FEW = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Said:
+    """What models say of rows: currents (n, 4), A, and the other end of what a standing axis' friction allows."""
+
+    currents: Float2D
+    other_end: Float2D
+
+    @classmethod
+    def by(cls, models: AxisModels, inputs: Float2D, machine: Machine) -> Said:
+        """inputs : (n, d) – of the kind that the models take"""
+        return cls(models.predict_inputs(inputs), other_end(models.by_axis, inputs, machine))
+
+    @classmethod
+    def nothing(cls, rows: int) -> Said:
+        """NaN everywhere."""
+        return cls(np.full((rows, len(AXES)), np.nan), np.full((rows, len(AXES)), np.nan))
 
 
 def known_residuals(workspace: Workspace, machine: str, without: str = "") -> list[PartResiduals]:
@@ -71,7 +92,7 @@ def support(workspace: Workspace, digests: Sequence[str], recipe: Recipe) -> Sup
 
 
 def on_the_clock(
-    part: str, recording: Recording, samples: Samples, inputs: Float2D, predicted: Float2D, doubt: Float1D
+    part: str, recording: Recording, samples: Samples, inputs: Float2D, said: Said, doubt: Float1D
 ) -> tuple[PartResiduals, Int1D]:
     """Residuals at even times, and where on them each row lies (n,).
 
@@ -85,20 +106,21 @@ def on_the_clock(
     place = np.concatenate([[0], np.cumsum(steps)])
     n = int(place[-1]) + 1
     clock = np.interp(np.arange(n), place, time)
-    nearest = np.searchsorted(place, np.arange(n), side="right") - 1
+    row = np.searchsorted(place, np.arange(n), side="right") - 1
     rows = place[samples.row]
-    residual, said, away = np.full((n, len(AXES)), np.nan), np.full((n, len(AXES)), np.nan), np.full(n, np.nan)
+    residual, expected, away = np.full((n, len(AXES)), np.nan), np.full((n, len(AXES)), np.nan), np.full(n, np.nan)
     given = np.full((n, inputs.shape[1]), np.nan)
-    residual[rows], said[rows], away[rows], given[rows] = samples.currents - predicted, predicted, doubt, inputs
-    tool, block = _tool(recording)[nearest], _block(recording)[nearest]
+    nearest = explained(said.currents, said.other_end, samples.currents)
+    residual[rows], expected[rows], away[rows], given[rows] = samples.currents - nearest, nearest, doubt, inputs
+    tool, block = _tool(recording)[row], _block(recording)[row]
     program = recording.part.program or ""
-    return PartResiduals(part, clock, residual, said, tool, block, away, given, program), rows
+    return PartResiduals(part, clock, residual, expected, tool, block, away, given, program), rows
 
 
 def _each_by_the_others(workspace: Workspace, machine: str, order: Sequence[str]) -> list[PartResiduals]:
     recipe = recipe_of(workspace)
     key = workspace.run_key(machine, list(order))[:24]
-    paths = {digest: workspace.derived / f"residuals-{key}-{digest[:12]}.parquet" for digest in order}
+    paths = {digest: workspace.derived / f"held-out-{key}-{digest[:12]}.parquet" for digest in order}
     if not all(path.exists() for path in paths.values()):
         samples = {digest: samples_of(workspace, digest) for digest in order}
         for digest in order:
@@ -108,13 +130,13 @@ def _each_by_the_others(workspace: Workspace, machine: str, order: Sequence[str]
             models = AxisModels.fit(rest, choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
             doubt = support(workspace, others, recipe).distance(mine)
             recording = at_rate(workspace, _bare(Store(workspace.store).load(digest)))
-            said = models.predict_inputs(mine)
+            said = Said.by(models, mine, machine_of(workspace, machine))
             _save(on_the_clock(digest, recording, samples[digest], mine, said, doubt)[0], paths[digest])
     return [_load(digest, path) for digest, path in paths.items()]
 
 
 def _kept(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
-    path = workspace.derived / f"residuals-{iteration.run_key[:24]}.parquet"
+    path = workspace.derived / f"held-out-{iteration.run_key[:24]}.parquet"
     if not path.exists():
         made = _make(workspace, iteration)
         if made is None:
@@ -135,30 +157,36 @@ def _make(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
     columns = model_inputs(samples, recipe.inputs)
     before = [d for d in files.summary["parts"] if d != digest]
     if before and len(files.trace) == len(samples) and f"both_{AXES[0]}" in files.trace:
-        predicted = files.trace[[f"both_{axis}" for axis in AXES]].to_numpy(float)
+        said = Said(_of(files.trace, "both"), _of(files.trace, report_files.OTHER_END))
         doubt = support(workspace, before, recipe).distance(columns)
     elif before:
         log.warning("%s: what was expected of it was kept for other rows; the band does without it", digest[:12])
         return None
     else:
-        predicted, doubt = in_stretches(samples, recipe, workspace.settings.seed)
+        said, doubt = in_stretches(samples, recipe, workspace.settings.seed, machine_of(workspace, iteration.machine))
     stored = Store(workspace.store).load(digest)
-    return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, columns, predicted, doubt)[0]
+    return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, columns, said, doubt)[0]
 
 
-def in_stretches(samples: Samples, recipe: Recipe, seed: int) -> tuple[Float2D, Float1D]:
-    """(n, 4), A, and (n,): each stretch as models of the others see it."""
+def in_stretches(samples: Samples, recipe: Recipe, seed: int, machine: Machine) -> tuple[Said, Float1D]:
+    """What is said of each stretch, and its distances (n,), as models of the others see it."""
     fold = folds(samples, STRETCHES)
     columns = model_inputs(samples, recipe.inputs)
-    predicted, doubt = np.full((len(samples), len(AXES)), np.nan), np.full(len(samples), np.nan)
+    said, doubt = Said.nothing(len(samples)), np.full(len(samples), np.nan)
     for k in np.unique(fold):
         out = fold == k
         if out.all():
             continue
         rest = AxisModels.fit(samples.take(~out), choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
-        predicted[out] = rest.predict(samples.take(out))
+        stretch = Said.by(rest, columns[out], machine)
+        said.currents[out], said.other_end[out] = stretch.currents, stretch.other_end
         doubt[out] = Support(columns[~out]).distance(columns[out])
-    return predicted, doubt
+    return said, doubt
+
+
+def _of(trace: pd.DataFrame, name: str) -> Float2D:
+    """NaN where an iteration of an earlier release did not keep it."""
+    return trace.reindex(columns=[f"{name}_{axis}" for axis in AXES]).to_numpy(float)
 
 
 def _bare(recording: Recording) -> Recording:

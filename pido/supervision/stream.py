@@ -35,13 +35,14 @@ from pido.monitoring.band import Band
 from pido.monitoring.difficulty import state
 from pido.monitoring.forest import quick
 from pido.monitoring.likeness import looks_like
+from pido.monitoring.standing import explained, other_end
 from pido.parts import machine_of, recipe_of
 from pido.physics.friction import held_direction
 from pido.process.quantities import area_removal
 from pido.process.samples import engaged
 from pido.supervision.book import Book, alarm_id
 from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, named
-from pido.supervision.residuals import support
+from pido.supervision.residuals import Said, support
 from pido.workspace import BY_NAME, Workspace
 
 log = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ FIRST_ROWS = 50
 """Rows from which the file's rate is read."""
 REMEMBERED_S = 20.0
 """What an alarm is compared with signals over, at most."""
-Prediction = Callable[[Samples], tuple[Float2D, Float1D, Float2D]]
+Prediction = Callable[[Samples], tuple[Said, Float1D, Float2D]]
 _PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")
 
 
@@ -66,7 +67,7 @@ class Stream:
         rate_hz: float,
         air_cut: bool = False,
     ) -> None:
-        """predict : rows to currents (n, 4), A, their distance (n,) from the training rows, and model inputs (n, d)"""
+        """predict : rows to what is said of them, distances (n,) from the training rows, and model inputs (n, d)"""
         self._part, self._machine, self._predict, self._band = part, machine, predict, band
         self._watch = Watch(band, rate_hz)
         # Its content is not known before it has ended; the part that is taken in later has the same name.
@@ -86,7 +87,8 @@ class Stream:
         """
         recording = Recording(PartInfo(part=self._part, machine=self._machine.id), columns)
         samples = self._rows(recording)
-        said, doubt, inputs = self._predict(samples)
+        found, doubt, inputs = self._predict(samples)
+        said = explained(found.currents, found.other_end, samples.currents)
         states = {axis: state(doubt, inputs, said[:, i]) for i, axis in enumerate(AXES)}
         residual = samples.currents - said
         judged = np.full(len(recording), self._air_cut) if self._air_cut else engaged(recording, self._machine)
@@ -198,9 +200,9 @@ def follow_file(
 def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
     near = support(workspace, expect.bundle.content["parts"], recipe_of(workspace))
     by_axis = {axis: quick(model) for axis, model in expect.models.models.items()}
-    kind = expect.models.inputs
+    kind, machine = expect.models.inputs, machine_of(workspace, expect.machine)
 
-    def predict(samples: Samples) -> tuple[Float2D, Float1D, Float2D]:
+    def predict(samples: Samples) -> tuple[Said, Float1D, Float2D]:
         columns = model_inputs(samples, kind)
         usable = np.isfinite(columns).all(axis=1)
         out, doubt = np.full((len(columns), len(AXES)), np.nan), np.full(len(columns), np.nan)
@@ -208,7 +210,7 @@ def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
             if axis in by_axis and usable.any():
                 out[usable, i] = by_axis[axis](columns[usable])
         doubt[usable] = near.distance(columns[usable])
-        return out, doubt, columns
+        return Said(out, other_end(by_axis, columns, machine)), doubt, columns
 
     return predict
 

@@ -19,6 +19,8 @@ from pido.core.errors import StoreError
 from pido.core.files import write_atomically
 
 TABLES = ("generated", "bins", "trace")
+OTHER_END = "other_end"
+"""In a trace: what `both` would have said of a standing axis, had it come to rest out of the other direction, A."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,7 @@ class RunFiles:
     summary : run_key, machine, part, parts, settings, seed, code, bundle, data, balance, metrics, gate, seconds
     generated : one row per generated sample, with its origin ('pia', 'pie'), bin, source row and expected error
     bins : one row per relevant bin: v_x, v_y, ar (centre), before, after (samples)
-    trace : the arriving part: time, and per axis the measured current and what the models said
+    trace : the arriving part: time, and per axis the measured current, what the models said, and OTHER_END
     """
 
     summary: dict[str, Any]
