@@ -19,6 +19,8 @@ from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
 
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
+_HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_friction"})
+VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, friction is steady before it is uneven
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -41,10 +43,11 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
                 if basis(library, noise, trial).bic < basis(library, noise, out).bic + margin:
                     out = trial
                     break
-    coulomb = any(t.name == "coulomb_friction" and not t.gates for t in out)
+    # Beside Coulomb's friction the forms of these two that hold it as well are the same sum, and no name of their own.
+    coulomb = any(t.mechanism.id == "coulomb_friction" and not t.gates for t in out)
     for i, term in enumerate(out):
         for p in term.mechanism.shape:
-            if not p.is_choice or (coulomb and term.mechanism.id == "presliding_hysteresis"):
+            if not p.is_choice or (coulomb and term.mechanism.id in _HOLDS_COULOMB):
                 continue
             whole = basis(library, noise, out).bic
             for value in p.values:
@@ -78,15 +81,30 @@ def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:
 
 
 def _without_places(library: Library, terms: list[Term]) -> list[Term]:
-    """`terms` with Coulomb's friction for one along the travel, where nearly all that this removes is its mean."""
+    """`terms` with Coulomb's friction and what changes along the travel for one that does both, where this varies by
+    less than VARIES of its mean: the steady one is a finding by itself, and the other has to stand up beside it.
+    """
     coulomb = next((t for t in library.terms if t.mechanism.id == "coulomb_friction"), None)
     at = next((i for i, t in enumerate(terms) if t.mechanism.id == "position_dependent_friction"), None)
     if coulomb is None or at is None or coulomb.name in {t.name for t in terms}:
         return terms
+    changing = _without_mean(library, terms[at])
     rest = [t for k, t in enumerate(terms) if k != at]
     trial = [*terms[:at], replace(coulomb, gates=terms[at].gates), *terms[at + 1 :]]
     none, flat, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, trial, terms))
-    return trial if none - flat > (1 - MISFIT) * (none - whole) > 0 else terms
+    if not (1 + VARIES**2) * (none - flat) > none - whole > 0:
+        return terms
+    return trial if changing is None else [*trial[: at + 1], changing, *trial[at + 1 :]]
+
+
+def _without_mean(library: Library, term: Term) -> Term | None:
+    """A friction along the travel without its mean over it; None where it has none."""
+    shape = dict(term.shape)
+    if shape["form"] > 1:
+        return None
+    if shape["form"] == 1:
+        shape = next(s for s in term.mechanism.starts(library.mismatch.states) if s["form"] == 1)
+    return replace(term, shape=tuple({**shape, "form": shape["form"] + 3.0}.items()))
 
 
 # What a drift is where it does not drift, in the order of its choice `along`.

@@ -42,6 +42,7 @@ PUBLISHED = {"M": 95.1089, "F_v": 203.5034, "F_c": 20.3935, "offset": -3.1648}
 """EMPS: kg, N·s/m, N, N (Janot, Gautier, Brunot; nonlinearbenchmark.org)."""
 EMPS_ASKED_N, CONSTANTS_ASKED = 1.0, 0.02
 _MOTIONS = 4  # EMPS repeats its motion every 6.24 s
+_TRANSIENT_S = 0.05  # two periods of the lower corner frequency
 OnProgress = Callable[[int, int, str], None]
 
 
@@ -111,7 +112,10 @@ def emps_motions(path: Path, *, friction: bool) -> Iterator[Recording]:
     # All signals through one filter: what it does to one of them, it does to all.
     columns = {name: filtfilt(*butter(4, 40 / 500), values)[::10] for name, values in columns.items()}
     clock = recording.time[::10]
-    for k, rows in enumerate(np.array_split(np.arange(len(clock)), _MOTIONS)):
+    # At the recording's two ends filters and derivatives know no motion beyond it, and answer with a transient.
+    settled = (clock >= clock[0] + _TRANSIENT_S) & (clock <= clock[-1] - _TRANSIENT_S)
+    for k, motion in enumerate(np.array_split(np.arange(len(clock)), _MOTIONS)):
+        rows = motion[settled[motion]]
         info = PartInfo(part=f"motion {k + 1}", machine="emps", order=k + 1, start_time_s=float(clock[rows[0]]))
         yield Recording(info, {"time": clock[rows] - clock[rows[0]]} | {n: v[rows] for n, v in columns.items()})
 

@@ -14,7 +14,7 @@ from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import Library
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Term
+from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
 
 NOISE = 0.02
@@ -79,6 +79,31 @@ def test_a_drift_that_drifts_stays_one():
     library = Library(mismatch, [drift, Term(BY_ID["coulomb_friction"])])
     library.whiten(noise)
     assert [t.name for t in plainest(library, noise, [drift])] == ["thermal_drift"]
+
+
+def along_the_travel(swing):
+    """Names for a friction of 0.3 A that changes by up to `swing` of itself along the travel, and the steady part."""
+    low, high = (f(r["pos_x"] for r in recordings()) for f in (lambda p: min(map(min, p)), lambda p: max(map(max, p))))
+    middle, half = (low + high) / 2, (high - low) / 2
+    mismatch, noise = laid_out(lambda s: 0.3 * (1 + swing * (s.pos - middle) / half) * s.held * s.moving)
+    places = Term(BY_ID["position_dependent_friction"], (("form", 1.0), ("L", half), ("p_0", middle)))
+    library = Library(mismatch, [places, Term(BY_ID["coulomb_friction"])])
+    library.whiten(noise)
+    answer = Answer("x")
+    terms = confirm(library, noise, plainest(library, noise, [places]), answer, 2)
+    steady = [float(a[0]) for t, a in zip(terms, fit(mismatch, noise, terms).amplitudes, strict=True)
+              if t.name == "coulomb_friction"]  # fmt: skip
+    return [t.name for t in terms], steady
+
+
+def test_friction_that_varies_little_along_the_travel_is_steady_first_and_what_varies_is_a_finding_of_its_own():
+    names, (steady,) = along_the_travel(0.35)
+    assert names == ["coulomb_friction", "position_dependent_friction"]
+    assert steady == pytest.approx(0.3, rel=0.05)
+
+
+def test_friction_that_varies_as_much_as_it_is_is_one_finding():
+    assert along_the_travel(1.0) == (["position_dependent_friction"], [])
 
 
 @pytest.mark.parametrize("late", [0.13, 0.25])

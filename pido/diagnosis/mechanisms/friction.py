@@ -169,17 +169,19 @@ class LoadDependentFriction(Mechanism):
 class PositionDependentFriction(Mechanism):
     """Friction that varies along the travel, with its mean.
 
-    form : 0 a wave of any phase, 1 a slope and a bend, 2 one tight place
+    form : 0 a wave of any phase, 1 a slope and a bend, 2 one tight place; 3 and 4 are 0 and 1 without their mean over
+        the travel, which is Coulomb's where that is a finding of its own
     """
 
     id = "position_dependent_friction"
     equation = (
         "dI = g(pos) * sgn(v); g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
-        "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L"
+        "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L; "
+        "beside Coulomb's friction without a mean: G_1 * u + G_2 * (u^2 - 1/3), p_0 in the middle"
     )
     amplitudes = (Parameter("G_0", "A"), Parameter("G_1", "A"), Parameter("G_2", "A"))
     shape = (
-        choice("form", 3),
+        choice("form", 5),
         Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
         Parameter("p_0", "mm", values=(0.0,)),
     )
@@ -192,10 +194,12 @@ class PositionDependentFriction(Mechanism):
             return nothing(state, 3)
         h, u = direction(state), (state.pos - p_0) / L
         one, zero = np.ones(len(h)), np.zeros(len(h))
-        if round(form) == 0:
-            return np.column_stack([one, wave(state.pos, L)]) * h[:, None]
+        if round(form) in (0, 3):
+            return np.column_stack([one if form == 0 else zero, wave(state.pos, L)]) * h[:, None]
         if round(form) == 1:
             return np.column_stack([one, u, u**2]) * h[:, None]
+        if round(form) == 4:
+            return np.column_stack([zero, u, u**2 - 1 / 3]) * h[:, None]
         return np.column_stack([zero, np.exp(-(u**2) / 2), zero]) * h[:, None]
 
     def needs(self, states):
@@ -228,7 +232,7 @@ class PositionDependentFriction(Mechanism):
         low, high = _ends(states)
         span = max(high - low, 1e-3)
         form, L, p_0 = round(shape["form"]), shape["L"], shape["p_0"]
-        if name == "L" and form == 0:
+        if name == "L" and form in (0, 3):
             return 1.0 / (1.0 / L + 0.3 / span), 1.0 / max(1.0 / L - 0.3 / span, 0.2 / span)
         if name == "L" and form == 2:
             return L / 3, min(3 * L, span)
@@ -237,7 +241,7 @@ class PositionDependentFriction(Mechanism):
         return shape[name], shape[name]
 
     def free(self, shape):
-        return (1, 0, 2)[round(shape["form"])]
+        return (1, 0, 2, 1, 0)[round(shape["form"])]
 
     def conditions(self, axis, shape):
         form, L, p_0 = round(shape["form"]), shape["L"], shape["p_0"]
@@ -245,7 +249,7 @@ class PositionDependentFriction(Mechanism):
             low, high = p_0 - 2 * L, p_0 + 2 * L
             text = f"{axis} axis in motion, friction stands out from {low:.4g} to {high:.4g} mm"
             return text, (f"pos_{axis} > {low:.4g}", f"pos_{axis} < {high:.4g}")
-        how = f"repeats every {L:.3g} mm" if form == 0 else "changes steadily along the travel"
+        how = f"repeats every {L:.3g} mm" if form in (0, 3) else "changes steadily along the travel"
         return f"{axis} axis in motion, friction {how}", (f"v_{axis} != 0",)
 
 
