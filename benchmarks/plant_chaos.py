@@ -148,7 +148,11 @@ def victims_of(
     for victim, part in zip(VICTIMS, coming[1:], strict=True):
         said = _told(plant, victim)
         plant.drop(part)
-        hits = sum(_kill(plant, victim, rng, span) for _ in range(kills))
+        hits = 0
+        for _ in range(kills):
+            if victim == FORKS and plant.process_of(victim) is None and not any(plant.workspace.inbox.iterdir()):
+                plant.drop(part)  # it is started again with the next run only: the same part comes once more
+            hits += _kill(plant, victim, rng, span)
         found.append(_outcome(f"{victim}, iteration", hits, plant, machine, reference(part), said, victim))
         say(_line(found[-1]))
         if victim in (FORKS, "run of a part"):
