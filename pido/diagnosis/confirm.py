@@ -21,6 +21,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, held_back, solve, solve_normal
 from pido.diagnosis.whiten import Noise
 
+SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 _DRAWS = 400
 _MERGED = (1, 4, 16)  # blocks that count as one observation
 _FEWEST_UNITS = 6  # observations to resample
@@ -131,6 +132,27 @@ def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold
         beta, _ = solve_normal(grams[others].sum(axis=0) + ridge, inner[others].sum(axis=0))
         out[rows] = mismatch.target[rows] - beta @ design[:, rows]
     return out
+
+
+def even(mismatch: Mismatch) -> Noise:
+    """Noise that is the same everywhere and forgets at once."""
+    return Noise(np.zeros(0), np.ones(mismatch.n), 1.0, mismatch.usable)
+
+
+def rms_held_out(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> float:
+    """A, on folds that were not fitted."""
+    left = cross_residual(mismatch, noise, terms)[mismatch.usable]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def plain_error(mismatch: Mismatch, terms: Sequence[Term]) -> float:
+    """A, on folds that were not fitted, under ordinary least squares."""
+    return rms_held_out(mismatch, even(mismatch), terms)
+
+
+def less_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], share: float) -> bool:
+    """Whether `terms` make the plain error on unseen folds smaller than `others` do, by more than `share` of it."""
+    return plain_error(mismatch, terms) < (1 - share) * plain_error(mismatch, others)
 
 
 def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> float:

@@ -25,12 +25,13 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.comparable import comparable_axes, in_order
-from pido.diagnosis.confirm import held_out
+from pido.diagnosis.confirm import even, held_out, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Finding, HeldOut, PartSeries, Rejected
-from pido.diagnosis.identify import Answer, acting, even, plain_error, rms_held_out
+from pido.diagnosis.identify import Answer
 from pido.diagnosis.locate import score
+from pido.diagnosis.misfit import acting
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired

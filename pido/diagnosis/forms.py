@@ -12,7 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pido.diagnosis.identify import CONFINED, LEAST_GAIN, MISFIT, Rival, plain_error
+from pido.diagnosis.confirm import plain_error
+from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival
+from pido.diagnosis.misfit import MISFIT
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library, basis, drop_useless, refine, shortlist_of
 from pido.diagnosis.terms import Term

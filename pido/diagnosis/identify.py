@@ -14,12 +14,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pido.core.arrays import Bool1D, Float1D, Float2D
-from pido.diagnosis.confirm import cross_residual, p_value, paired_p, q_values, whitened
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.confirm import (
+    SIGNIFICANT,
+    cross_residual,
+    even,
+    p_value,
+    paired_p,
+    plain_error,
+    q_values,
+    rms_held_out,
+    whitened,
+)
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.events import Rhythm, charge, find_events, find_rhythms
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.misfit import WORTH, useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.select import (
@@ -39,31 +50,11 @@ from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unknown import LEVEL, flexible_rest
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
-SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
-LEAST_EFFECT = 0.1  # of the noise level, rms where active: a smaller effect is of no use to anybody
-# The same for what no law stands behind: noise itself wanders as much, over seconds and around single frequencies.
-LEAST_NAMELESS = 0.4
-TIED_TO_TIME = frozenset({"unknown", "external_force", "thermal_drift"})
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
-# Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term
-# whose shape is free, and of one that can take a single form only.
-MISFIT, MISFIT_PLAIN = 0.04, 0.01
-# The same around stops and reversals. What acts there is quick beside the control loop and the filters that it goes
-# through, and turns within micrometres that no record shows: a textbook form is right to a good part of it only. One
-# that takes WORTH of the error on unseen folds away stays nevertheless: a correction is better with it.
-MISFIT_AT_STOPS = 0.08
-AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
-CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
-SMALL = 0.12  # the same share for a finding that is small in its own right
-_FEW_LASTING = 20  # rows
-_NEARLY_ALL = 0.7
-LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
-WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
 CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by which one confined to a box must beat it
 MORE_REMOVED = 0.1  # of what the terms remove on unseen folds, that others must remove beyond it to replace them
 _CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
-SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
 
 
 @dataclass(frozen=True)
@@ -234,30 +225,9 @@ def _harmless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[
     return kept, error
 
 
-def even(mismatch: Mismatch) -> Noise:
-    """Noise that is the same everywhere and forgets at once."""
-    return Noise(np.zeros(0), np.ones(mismatch.n), 1.0, mismatch.usable)
-
-
-def rms_held_out(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> float:
-    """A, on folds that were not fitted."""
-    left = cross_residual(mismatch, noise, terms)[mismatch.usable]
-    return float(np.sqrt(np.mean(left**2)))
-
-
-def plain_error(mismatch: Mismatch, terms: Sequence[Term]) -> float:
-    """A, on folds that were not fitted, under ordinary least squares."""
-    return rms_held_out(mismatch, even(mismatch), terms)
-
-
 def numbers(terms: Sequence[Term]) -> int:
     """Amplitudes and shapes."""
     return sum(len(t.mechanism.amplitudes) + t.free for t in terms)
-
-
-def less_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], share: float) -> bool:
-    """Whether `terms` make the plain error on unseen folds smaller than `others` do, by more than `share` of it."""
-    return plain_error(mismatch, terms) < (1 - share) * plain_error(mismatch, others)
 
 
 def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score | None:
@@ -336,7 +306,7 @@ def confirm(
         worst = int(np.argmax(q))
         reason = f"q = {q[worst]:.2g}, not significant over {questions} questions" if q[worst] > level else None
         if reason is None:
-            worst, reason = _useless(mismatch, noise, terms)
+            worst, reason = useless(mismatch, noise, terms)
         if reason is None:
             answer.p_values, answer.q_values = tried, q
             break
@@ -349,155 +319,6 @@ def _claims(library: Library, term: Term) -> float:
     """How many shapes, limits of a region and, without a name, formulas were looked at before this term was chosen."""
     unnamed = term.mechanism.looked_at if term.name == "unknown" else 1
     return float(np.exp(0.5 * library.charge(term))) * unnamed
-
-
-def _useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[int, str | None]:
-    """The first term that is too small, brings nothing on unseen folds, or only mends the misfit of the others."""
-    joint = fit(mismatch, noise, terms)
-    effects = [a @ t.columns(mismatch.states) for t, a in zip(terms, joint.amplitudes, strict=True)]
-    every = cross_residual(mismatch, noise, terms)
-    level = float(np.median(noise.level))
-    i = _cancelled(effects, mismatch.usable)
-    if i is not None:
-        return i, "another finding takes nearly all of it back: together they stand for something else"
-    for i, term in enumerate(terms):
-        acts = acting(mismatch, effects[i])
-        rms = float(np.sqrt(np.mean(effects[i][acts] ** 2))) if acts.any() else 0.0
-        least = LEAST_NAMELESS if term.name in TIED_TO_TIME else LEAST_EFFECT
-        if rms < least * level:
-            return i, f"{rms:.2g} A where it acts, under {least:.0%} of the noise"
-        others = [t for k, t in enumerate(terms) if k != i]
-        single = term.mechanism.transient and lasting(mismatch, term) < LASTING
-        if single and not _goes_on(mismatch, acts, others, terms):
-            return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
-        if less_error(mismatch, terms, others, WORTH):
-            continue
-        if term.mechanism.id == "external_force":
-            # A force over intervals of one part can be proved on other seconds of the same part only.
-            fold = mismatch.block % 5
-            before, after = (cross_residual(mismatch, noise, t, fold) for t in (others, terms))
-        else:
-            before, after = cross_residual(mismatch, noise, others), every
-        gain = noise.whiten(before[None])[0] ** 2 - noise.whiten(after[None])[0] ** 2
-        if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
-            return i, "no gain on parts that were not fitted"
-    i = _mends_at_stops(mismatch, noise, terms)
-    if i is not None:
-        return i, "it hardly adds to what the others around stops and reversals remove: it mends their form"
-    return _misfit(mismatch, noise, terms, effects)
-
-
-def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> int | None:
-    """Of several terms around stops and reversals the one that is missed least, where that is little of what they
-    remove together; None where each is needed.
-    """
-    family = [i for i, t in enumerate(terms) if t.mechanism.id in AT_STOPS]
-    if len(family) < 2:
-        return None
-
-    def error(without: Sequence[int]) -> float:
-        left = cross_residual(mismatch, noise, [t for i, t in enumerate(terms) if i not in without])
-        return float(np.sum(left[mismatch.usable] ** 2))
-
-    whole = error([])
-    missed = {i: error([i]) - whole for i in family}
-    least = min(family, key=missed.__getitem__)
-    little = missed[least] < MISFIT_AT_STOPS * (error(family) - whole)
-    worth = less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != least], WORTH)
-    return least if little and not worth else None
-
-
-def _cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:
-    """An effect that the others, alone or together, take back nearly everywhere; None where there is none.
-
-    Of two that take each other back, the smaller.
-    """
-    if len(effects) < 2:
-        return None
-    every = np.array([e[rows] for e in effects])
-    power = np.sum(every**2, axis=1)
-    whole = np.sum(every, axis=0)
-    for i in np.argsort(power):
-        beside = [every[j] for j in range(len(every)) if j != i] + [whole - every[i]]
-        if any(np.sum((every[i] + o) ** 2) < CANCELLED * min(power[i], float(o @ o)) for o in beside):
-            return int(i)
-    return None
-
-
-def _misfit(
-    mismatch: Mismatch, noise: Noise, terms: Sequence[Term], effects: Sequence[Float1D]
-) -> tuple[int, str | None]:
-    """The term that adds the least to those stronger than it where it acts, if that is only what their forms lack.
-
-    In the order in which each adds most: beside all others, a true effect may look small because they share it out.
-    Where the simulation was moved in time, that is the first model: what the samples do not say between them, and what
-    a filter or a clock that is not quite even adds, is left of every change of the current.
-    """
-    before = cross_residual(mismatch, noise, [])
-    moved = mismatch.before_moving
-    none = before if moved is None else moved
-    level = float(np.median(noise.level))
-    kept: list[int] = []
-    at_stops = 0.0
-    least, which = np.inf, 0
-    while len(kept) < len(terms):
-        left = [i for i in range(len(terms)) if i not in kept]
-        trials = {i: cross_residual(mismatch, noise, [terms[k] for k in [*kept, i]]) for i in left}
-        i = min(left, key=lambda k: float(np.sum(noise.whiten(trials[k][None])[0] ** 2)))
-        acts = acting(mismatch, effects[i])
-        added = float(np.mean((before**2 - trials[i] ** 2)[acts])) if acts.any() else 0.0
-        share = added / max(float(np.mean((none**2 - trials[i] ** 2)[acts])), 1e-30) if acts.any() else 0.0
-        whole = float(np.sum((before**2 - trials[i] ** 2)[mismatch.usable]))
-        of_stops = _of_stops(terms[i], [terms[k] for k in kept])
-        if of_stops and at_stops > 0:
-            # A form that acts in few rows mends them well: it is asked for its share of all that the others remove.
-            share = min(share, whole / at_stops)
-        at_stops += max(whole, 0.0) if terms[i].mechanism.id in AT_STOPS else 0.0
-        free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
-        small = share < (MISFIT_AT_STOPS if of_stops else MISFIT if free else MISFIT_PLAIN)
-        small = small or (share < SMALL and added < (SMALL_EFFECT * level) ** 2)
-        if moved is None:
-            small = small and not less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != i], WORTH)
-        small = small or (moved is not None and share < SMALL)
-        if (kept or moved is not None) and small and share < least and terms[i].mechanism.id != "external_force":
-            least, which = share, i
-        kept.append(i)
-        before = trials[i]
-    if np.isinf(least):
-        return 0, None
-    return which, f"{max(least, 0.0):.1%} of what is removed where it acts: a misfit of stronger findings"
-
-
-def _of_stops(term: Term, stronger: Sequence[Term]) -> bool:
-    """Whether a term acts around stops and reversals, or is what no name says beside one that does."""
-    beside = term.name == "unknown" and any(t.mechanism.id in AT_STOPS for t in stronger)
-    return beside or term.mechanism.id in AT_STOPS
-
-
-def lasting(mismatch: Mismatch, term: Term) -> float:
-    """Correlation of a term with itself one row later: near zero where it is there for single rows only."""
-    rows = term.columns(mismatch.states) * mismatch.usable
-    return float(np.sum(rows[:, 1:] * rows[:, :-1]) / max(np.sum(rows**2), 1e-300))
-
-
-def _goes_on(mismatch: Mismatch, acts: Bool1D, others: Sequence[Term], terms: Sequence[Term]) -> bool:
-    """Whether a term explains nearly all of what is there where it goes on acting for more than one row.
-
-    At a slow reversal lost motion takes several rows, a late sample does not.
-    """
-    on = acts & np.r_[False, acts[:-1]]
-    if np.sum(on) < _FEW_LASTING:
-        return False
-    plain = even(mismatch)
-    before, after = (cross_residual(mismatch, plain, t) ** 2 for t in (others, terms))
-    gain = (before - after) * on
-    return bool(np.sum(gain) > _NEARLY_ALL * np.sum(before[on])) and paired_p(gain, mismatch, on) < SIGNIFICANT
-
-
-def acting(mismatch: Mismatch, effect: Float1D) -> Bool1D:
-    """(n,) – usable rows in which an effect is more than a tenth of its largest."""
-    size = np.abs(effect)
-    return mismatch.usable & (size > 0.1 * float(np.max(size[mismatch.usable], initial=0.0)))
 
 
 def coarse_columns(mismatch: Mismatch, terms: Sequence[Term]) -> Float2D:

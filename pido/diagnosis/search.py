@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Float1D
+from pido.diagnosis.confirm import SIGNIFICANT, plain_error
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.forms import likelier, plainest, rivals_of
 from pido.diagnosis.identify import (
-    SIGNIFICANT,
     SIGNIFICANT_NAME,
     Answer,
     by_error,
@@ -26,7 +26,6 @@ from pido.diagnosis.identify import (
     confirm,
     first_noise,
     noise_of,
-    plain_error,
     seen_slowly,
     select_terms,
 )

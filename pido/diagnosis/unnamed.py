@@ -17,8 +17,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
+from pido.diagnosis.confirm import less_error, plain_error
 from pido.diagnosis.dynamics import Lagged, Ringing, remembering
-from pido.diagnosis.identify import less_error, numbers, plain_error
+from pido.diagnosis.identify import numbers
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.terms import Term, fit
