@@ -12,7 +12,7 @@ import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
 from pido.core.arrays import Bool1D, Float1D
 
@@ -24,6 +24,7 @@ _SHORT = 0.1  # of the largest accelerations: a shorter pulse may be this far fr
 _REACH = 3  # samples to either side that a filter in the control may delay or blur one signal against another
 _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.03  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
+_FAR_BEYOND = 10.0  # times what one speed in a thousand differs by from its neighbours
 _FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
 _ROUNDED = 3.0  # steps of rounding that a change from sample to sample may be off by
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
@@ -184,12 +185,18 @@ def _speed_and_acceleration(
     rough_a, rough_rate = _spread(a), _spread(np.diff(np.nan_to_num(v), prepend=v[:1]) / np.median(np.diff(time)))
     bad = (np.abs(off) > usual + np.minimum(rough_a, rough_rate)) & use & ~frozen
     spike_a, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
+    swing = np.abs(v - median_filter(np.nan_to_num(v), 2 * _REACH + 1))
+    calm = np.isfinite(swing) & ~_grown(bad, _REACH)
+    beyond = _FAR_BEYOND * float(np.quantile(swing[calm], 0.999)) if bad.any() and calm.any() else np.inf
     for i, j in runs(_closed(bad, 2)):
         if np.max(rough_a[i : j + 1]) >= np.max(rough_rate[i : j + 1]):
             spike_a[i : j + 1] |= np.abs(off[i : j + 1]) > 0.5 * usual
-        elif not seen:
+        else:
+            # A speed that follows from a wrong position agrees with it. No drive reaches in a sample or two, and leaves
+            # again, what is far beyond every change elsewhere: there the acceleration is right.
             size = np.abs(v[i : j + 1] - _calm(v, i, j))
-            spike_v[i : j + 1] |= size > 0.5 * size.max()
+            if not seen or size.max() > beyond:
+                spike_v[i : j + 1] |= size > 0.5 * size.max()
     out.a[FROZEN], out.a[SPIKE] = frozen, spike_a
     if spike_v.any():
         out.v[SPIKE] = out.v.get(SPIKE, np.zeros(len(time), bool)) | spike_v

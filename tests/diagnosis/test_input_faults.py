@@ -85,6 +85,18 @@ def test_a_wrong_signal_is_found_where_it_is_wrong(rate, column, seconds, change
     assert last <= end + 0.35
 
 
+@pytest.mark.parametrize("rate", [50.0, 500.0])
+def test_a_speed_that_follows_from_a_wrong_position_is_told_by_the_acceleration(rate):
+    clean = axis_in_motion(rate, seed=2)
+    i = moving(clean, rate)
+    leap = np.zeros(len(clean))
+    leap[i : i + 4] = 12.0
+    broken = clean.with_columns(pos_x=clean["pos_x"] + leap, v_x=clean["v_x"] + np.gradient(leap, clean.time))
+    found = input_faults(broken)
+    assert {f.t_start for f in found["v_x"]} & set(clean.time[i - 2 : i + 3])
+    assert faulty(broken, "x").sum() < 20
+
+
 def test_a_position_stays_lost_after_a_jump_but_its_differences_may_be_used():
     clean = axis_in_motion(100.0, seed=2)
     broken = put(clean, "pos_x", slice(2500, None), np.full(len(clean) - 2500, 800.0))
