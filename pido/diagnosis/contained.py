@@ -31,6 +31,9 @@ _LEAST_OWN = 0.1  # of what no component explains, that only this one does
 _AROUND = 5  # rows
 _LASTING = 0.5  # correlation of a component with itself one row later
 _LEAST_GAIN = 30.0  # BIC
+# Share of a law's power that no others have, above which it is asked for. Over a few speeds of a spindle hardly any of
+# its drag is left beside friction and windage; without noise, as a simulated current is, that little tells.
+_COLLINEAR = 3e-5
 _MOST = 7
 # What few simulations have, and what can imitate what most of them have (friction that a warm machine changes, or that
 # varies along the travel with a mean of its own), is asked for when the usual is in.
@@ -89,7 +92,7 @@ def contained(
     # of them must not be made to.
     amiss = maximum_filter1d(np.abs(left_over(problem, coarse_columns(problem, offered), None)), _AROUND)
     faint = replace(faint, level=np.hypot(level, np.where(thin.usable, amiss, 0.0)))
-    library = Library(problem, offered)
+    library = Library(problem, offered, collinear=_COLLINEAR)
     library.whiten(faint)
     usual = swap(library, faint, _greedy(library, faint, [], _LATER), _LATER)
     usual = drop_useless(library, faint, usual, _LEAST_GAIN)
@@ -105,8 +108,12 @@ def contained(
     level_of_all = abs(float(fit(problem, faint, every).base[0]))
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.
-    if weight is not None and level_of_all > _LEAST_WEIGHT * float(np.median(noise.level)):
-        out.setdefault(weight.mechanism.id, Component(weight, level_of_all))
+    own = out.get("gravity_load")
+    # Beside a far larger constant, what is in proportion to a tool's mass is an accident of which tool cuts what.
+    if weight is not None and level_of_all > max(
+        _LEAST_WEIGHT * float(np.median(noise.level)), 0.0 if own is None else own.size
+    ):
+        out[weight.mechanism.id] = Component(weight, level_of_all)
     return out
 
 

@@ -26,7 +26,7 @@ from pido.diagnosis.terms import Term, bic, inside
 from pido.diagnosis.whiten import Noise
 
 MOST_TERMS = 8  # on one axis; more named terms than this is a description, not a diagnosis
-_COLLINEAR = 1e-3  # share of a regressor that must be left once the terms already chosen are taken out of it
+COLLINEAR = 1e-3  # share of a regressor's power that must be left once the terms already chosen are taken out of it
 _SHORTLIST = 6  # mechanisms whose shape is refined in each step
 _TIE = 4.0  # BIC: of mechanisms this close, the one with fewer free numbers is taken
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
@@ -57,9 +57,16 @@ class Library:
     `allowed_sign` : mechanism id -> False where its amplitude may have any sign, because the simulation contains it
     """
 
-    def __init__(self, mismatch: Mismatch, terms: Sequence[Term], any_sign: frozenset[str] = frozenset()) -> None:
+    def __init__(
+        self,
+        mismatch: Mismatch,
+        terms: Sequence[Term],
+        any_sign: frozenset[str] = frozenset(),
+        collinear: float = COLLINEAR,
+    ) -> None:
         self.mismatch = mismatch
         self.any_sign = any_sign
+        self.collinear = collinear
         self.polarity = polarity(mismatch)
         self.terms: list[Term] = []
         self.everywhere = lru_cache(_REMEMBERED)(lambda term: term.columns(mismatch.states))
@@ -111,7 +118,7 @@ class Library:
         with_residual = np.asarray(self.whitened @ current.residual32, float)
         single = self._single
         left = self._own - np.einsum("ij,ij->i", onto, onto)
-        open_ = single & (left > _COLLINEAR * np.maximum(self._own, 1e-30))
+        open_ = single & (left > self.collinear * np.maximum(self._own, 1e-30))
         gain = np.where(open_, with_residual**2 / np.where(open_, left, 1.0), 0.0)
         out = []
         for k, (term, (i, j)) in enumerate(zip(self.terms, self.spans, strict=True)):
@@ -136,14 +143,14 @@ class Library:
     def _score(self, term: Term, gram: Float2D, onto: Float2D, inner: Float1D, current: Basis) -> Score | None:
         own = np.diag(gram)
         left = gram - onto @ onto.T
-        keep = np.diag(left) > _COLLINEAR * np.maximum(own, 1e-30)
+        keep = np.diag(left) > self.collinear * np.maximum(own, 1e-30)
         if not keep.any() or own.max() <= 0:
             return None
         beta = np.zeros(len(own))
         sub = left[np.ix_(keep, keep)]
         size = np.sqrt(np.diag(sub))
         values, vectors = np.linalg.eigh(sub / np.outer(size, size))
-        good = values > _COLLINEAR
+        good = values > self.collinear
         inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T / np.outer(size, size)
         beta[keep] = inverse @ inner[keep]
         gain = float(beta @ inner)

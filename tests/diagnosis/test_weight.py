@@ -1,5 +1,7 @@
 """A constant on a vertical axis: the axis' weight in the simulation, a tool's weight that is not, a sensor's zero."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,15 @@ def test_what_a_vertical_axis_draws_at_all_times_is_named_for_what_it_follows(mi
     mismatch = lay_out(states, [missing(s) + rng.normal(0, NOISE, len(s.time)) for s in states])
     answer = search(first_look(mismatch, rng), 1, False, rng)
     assert [t.name for t in answer.terms] == [name]
+
+
+def test_what_changes_a_little_with_the_tool_beside_a_large_constant_is_not_the_simulated_weight():
+    def cut(state):
+        return 0.1 * state.moving * (state.tool_mass > 2)
+
+    states = [replace(s, sim=s.sim + cut(s)) for s in axis_states(list(recordings()), "z")]
+    rng = np.random.default_rng(7)
+    mismatch = lay_out(states, [0.01 * s.tool_mass + rng.normal(0, NOISE, len(s.time)) for s in states])
+    look = first_look(mismatch, rng)
+    assert dict(look.inside["gravity_load"].term.shape) == {"by_tool": 0.0}
+    assert [t.name for t in search(look, 1, False, rng).terms] == ["gravity_load"]
