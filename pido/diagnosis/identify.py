@@ -306,7 +306,7 @@ def confirm(
         worst = int(np.argmax(q))
         reason = f"q = {q[worst]:.2g}, not significant over {questions} questions" if q[worst] > level else None
         if reason is None:
-            worst, reason = useless(mismatch, noise, terms)
+            worst, reason = useless(library, noise, terms)
         if reason is None:
             answer.p_values, answer.q_values = tried, q
             break

@@ -16,7 +16,8 @@ import numpy as np
 from pido.core.arrays import Bool1D, Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, cross_residual, even, less_error, paired_p
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.select import Library
+from pido.diagnosis.terms import Term, fit, solve
 from pido.diagnosis.whiten import Noise
 
 _LEAST_EFFECT = 0.1  # of the noise level, rms where active: a smaller effect is of no use to anybody
@@ -32,6 +33,7 @@ MISFIT, _MISFIT_PLAIN = 0.04, 0.01
 _MISFIT_AT_STOPS = 0.08
 _AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
 _CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
+_TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: with so much of it gone it is no gain
 _SMALL = 0.12  # the same share for a finding that is small in its own right
 _FEW_LASTING = 20  # rows
 _NEARLY_ALL = 0.7
@@ -40,8 +42,9 @@ WORTH = 0.05  # share of the error on unseen folds that a term takes away by its
 _SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
 
 
-def useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[int, str | None]:
+def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int, str | None]:
     """The first term that is too small, brings nothing on unseen folds, or only mends the misfit of the others."""
+    mismatch = library.mismatch
     joint = fit(mismatch, noise, terms)
     effects = [a @ t.columns(mismatch.states) for t, a in zip(terms, joint.amplitudes, strict=True)]
     every = cross_residual(mismatch, noise, terms)
@@ -49,6 +52,9 @@ def useless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[in
     i = _cancelled(effects, mismatch.usable)
     if i is not None:
         return i, "another finding takes nearly all of it back: together they stand for something else"
+    i = _gain_of_some(library, terms, effects)
+    if i is not None:
+        return i, "another finding takes it back for a part of the simulated current: a gain scales all of it"
     for i, term in enumerate(terms):
         acts = acting(mismatch, effects[i])
         rms = float(np.sqrt(np.mean(effects[i][acts] ** 2))) if acts.any() else 0.0
@@ -110,6 +116,31 @@ def _cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:
         beside = [every[j] for j in range(len(every)) if j != i] + [whole - every[i]]
         if any(np.sum((every[i] + o) ** 2) < _CANCELLED * min(power[i], float(o @ o)) for o in beside):
             return int(i)
+    return None
+
+
+def _gain_of_some(library: Library, terms: Sequence[Term], effects: Sequence[Float1D]) -> int | None:
+    """A sensor's gain of which a wrong coefficient takes most back, for what the simulation has of that mechanism.
+
+    A sensor scales the whole current. What leaves a part of it as it was is a wrong coefficient of the other parts.
+    """
+    mismatch = library.mismatch
+    i = next((i for i, t in enumerate(terms) if t.name == "sensor_gain" and not t.gates), None)
+    wrong = [k for k, t in enumerate(terms) if t.name.startswith("miscalibrated:")]
+    if i is None or not wrong:
+        return None
+    # As the simulation has it, a mechanism is the last of its name.
+    inside = {t.name: t for t in library.terms if t.name.startswith("miscalibrated:")}
+    parts = [(name, row) for name, t in inside.items() for row in library.columns(t)]
+    rows = mismatch.usable
+    X = np.array([row[rows] for _, row in parts])
+    shares = solve(np.r_[X, np.ones((1, X.shape[1]))], effects[i][rows])[0]
+    for k in wrong:
+        own = np.sum(
+            [b * x for b, (name, _), x in zip(shares, parts, X, strict=False) if name == terms[k].name], axis=0
+        )
+        if -float(np.dot(effects[k][rows], own)) > _TAKEN_BACK * float(np.dot(own, own)) > 0:
+            return i
     return None
 
 

@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.identify import Answer, confirm
@@ -104,6 +105,42 @@ def test_friction_that_varies_little_along_the_travel_is_steady_first_and_what_v
 
 def test_friction_that_varies_as_much_as_it_is_is_one_finding():
     assert along_the_travel(1.0) == (["position_dependent_friction"], [])
+
+
+def test_a_gain_that_a_wrong_coefficient_takes_back_for_a_part_is_no_gain():
+    mismatch, noise = laid_out(lambda s: 0.3 * np.sign(np.where(np.abs(s.v) > 0.02, s.v, 0)))
+    gain = Term(BY_ID["sensor_gain"])
+    inertia, friction = (Term(BY_ID[i], name=f"miscalibrated:{i}") for i in ("inertia", "coulomb_friction"))
+    library = Library(mismatch, [gain, inertia, friction], frozenset({inertia.name, friction.name}))
+    library.whiten(noise)
+    answer = Answer("x")
+    assert gain not in confirm(library, noise, [gain, inertia], answer, 3)
+    assert "a gain scales all of it" in answer.rejected[0].reason
+
+
+def test_a_gain_beside_a_wrong_coefficient_of_its_own_stays():
+    mismatch, noise = laid_out(lambda s: 0.3 * s.sim + 0.002 * s.a)
+    gain, inertia = Term(BY_ID["sensor_gain"]), Term(BY_ID["inertia"], name="miscalibrated:inertia")
+    library = Library(mismatch, [gain, inertia], frozenset({inertia.name}))
+    library.whiten(noise)
+    assert confirm(library, noise, [gain, inertia], Answer("x"), 2) == [gain, inertia]
+
+
+DRAGS = {"spindle_viscous_drag": lambda v: 1e-5 * v, "spindle_windage": lambda v: 3e-10 * v**2}
+
+
+@pytest.mark.parametrize("there", [{"spindle_viscous_drag"}, {"spindle_windage"}, set(DRAGS)])
+def test_three_speeds_tell_which_drags_of_the_spindle_a_simulation_has(there):
+    def of(recording):
+        v = 17100.0 + 0.6 * (recording["v_sp"] - 6000.0)
+        sim = 0.3 * (v > 0) + 2e-4 * recording["a_sp"] + sum(DRAGS[i](v) for i in there)
+        return recording.with_columns(v_sp=v, a_sp=0.6 * recording["a_sp"], curr_sp_sim=sim)
+
+    rng = np.random.default_rng(1)
+    states = axis_states([of(r) for r in recordings()], "sp")
+    mismatch = lay_out(states, [rng.normal(0, NOISE, len(s.time)) for s in states])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    assert set(contained(mismatch, CATALOGUE, noise, rng)) & set(DRAGS) == there
 
 
 @pytest.mark.parametrize("late", [0.13, 0.25])
