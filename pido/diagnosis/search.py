@@ -124,10 +124,10 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
 def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
     """`terms`, with the plain name for what no wrong coefficient of the simulation explains.
 
-    That is what is far larger than the simulation's own share of it, has another length, speed or time constant, or is
-    in proportion to another quantity: a tool's weight is no wrong weight of the axis. A simulated friction that turns
-    over a small way is Coulomb's all the same: where all of it is too large or too small, it is that number that is
-    wrong.
+    That is what is far larger than the simulation's own share of it, has another length, speed or time constant, acts
+    in a box only, or is in proportion to another quantity: a tool's weight is no wrong weight of the axis. A simulated
+    friction that turns over a small way is Coulomb's all the same: where all of it is too large or too small, it is
+    that number that is wrong.
     """
     terms = _sensor_or_weight(library, noise, terms, inside)
     joint = fit(library.mismatch, noise, terms)
@@ -140,6 +140,8 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
             size = float(np.sqrt(np.mean(effect**2)))
             new = size > _BEYOND_WRONG * part.size or _of_another_quantity(term, part.term)
             new |= _of_another_shape(library.mismatch, term, part.term, effect)
+            # A wrong coefficient is wrong everywhere: what acts in a box only is something beside it.
+            new |= bool(term.gates)
             if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
                 term = replace(term, name=term.mechanism.id)
             elif _is_whole_friction(term) and coulomb not in {t.name for t in terms}:

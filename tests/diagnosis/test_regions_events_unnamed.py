@@ -10,6 +10,7 @@ from pido.diagnosis.identify import select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.regions import CLEARLY, best_region
+from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import MOST_TERMS, Library, basis
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term
@@ -68,6 +69,18 @@ def test_an_effect_that_acts_everywhere_is_not_confined():
     library = library_of(mismatch, noise)
     current = basis(library, noise, [])
     assert best_region(library, current, library.screen(current)) is None
+
+
+def test_what_is_more_of_a_simulated_mechanism_in_a_box_only_is_no_wrong_coefficient():
+    def simulated(recording):
+        return recording.with_columns(curr_x_sim=0.03 * recording["v_x"] + 0.3 * np.sign(recording["v_x"]))
+
+    rng = np.random.default_rng(0)
+    states = axis_states([simulated(r) for r in recordings()], "x")
+    effects = [0.05 * s.v * (s.others["y"].v > 4.0) + rng.normal(0, NOISE, len(s.time)) for s in states]
+    answer = search(first_look(lay_out(states, effects), rng), 1, False, rng)
+    (term,) = answer.terms
+    assert (term.name, term.gates[0].variable) == ("viscous_friction", "v_y")
 
 
 @pytest.mark.parametrize(("level", "begin", "end"), [(0.15, 10.0, 14.0), (-0.2, 2.0, 4.0)])
