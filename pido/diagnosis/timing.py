@@ -63,6 +63,10 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
     total = sum(gains.values())
     if total < _LEAST_GAIN or total < 1.1 * sum(max(0.0, rivals.get(a, 0.0)) for a in with_sim) or abs(best[0]) < 1e-6:
         return None
+    # A shift is the same on all axes: what one gains, and the others lose as clearly, is its own.
+    against = -sum(min(g, 0.0) for g in gains.values())
+    if sum(g > 0 for g in gains.values()) < 2 and against > _LEAST_GAIN:
+        return None
     return Delay(best[0], best[1], sd, total, gains)
 
 
