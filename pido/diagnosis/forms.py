@@ -7,13 +7,14 @@ Out: the same terms, each as the likeliest mechanism in its place (`likelier`), 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pido.diagnosis.confirm import plain_error
-from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival
+from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.misfit import MISFIT
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library, basis, drop_useless, refine, shortlist_of
@@ -23,6 +24,7 @@ from pido.diagnosis.whiten import Noise
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
 _HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_friction"})
 VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, friction is steady before it is uneven
+_FEW_RIVALS = 5  # that are tried in the place of two terms
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -60,6 +62,29 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
                 if basis(library, noise, trial).bic < whole + 2.0:
                     out = trial
                     break
+    return out
+
+
+def fewest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """`terms`, with one mechanism in the place of two where it removes nearly all that the two remove.
+
+    One cause is likelier than two that happen together. What the two remove beyond it is no more than what any textbook
+    form lacks; and it may take no more numbers than they do.
+    """
+    out = list(terms)
+    for pair in itertools.combinations(terms, 2):
+        if not all(t in out for t in pair) or any(t.name in ("unknown", "external_force") or t.gates for t in pair):
+            continue
+        rest = [t for t in out if t not in pair]
+        none, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, out))
+        current = basis(library, noise, rest)
+        for score in shortlist_of(library.screen(current), {t.name for t in out})[:_FEW_RIVALS]:
+            trial = [*rest, refine(library, current, score).term]
+            if numbers(trial) > numbers(out):
+                continue
+            if none - plain_error(library.mismatch, trial) ** 2 > (1 - MISFIT) * (none - whole) > 0:
+                out = trial
+                break
     return out
 
 

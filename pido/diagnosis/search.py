@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, plain_error
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
-from pido.diagnosis.forms import likelier, plainest, rivals_of
+from pido.diagnosis.forms import fewest, likelier, plainest, rivals_of
 from pido.diagnosis.identify import (
     SIGNIFICANT_NAME,
     Answer,
@@ -107,7 +107,7 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
         terms = _retried(library, noise, wider, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
-    for better in (likelier, plainest):
+    for better in (likelier, fewest, plainest):
         terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
     if terms and not timed:

@@ -8,7 +8,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose
-from pido.diagnosis.forms import plainest
+from pido.diagnosis.forms import fewest, plainest
 from pido.diagnosis.identify import Answer, confirm
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
@@ -16,6 +16,7 @@ from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import Library
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.timing import find_delay
 from pido.diagnosis.whiten import Noise
 
 NOISE = 0.02
@@ -124,6 +125,32 @@ def test_a_gain_beside_a_wrong_coefficient_of_its_own_stays():
     library = Library(mismatch, [gain, inertia], frozenset({inertia.name}))
     library.whiten(noise)
     assert confirm(library, noise, [gain, inertia], Answer("x"), 2) == [gain, inertia]
+
+
+@pytest.mark.parametrize(
+    ("effect", "names"),
+    [
+        (lambda s: -0.3 * s.sim * np.abs(s.sim), ["current_saturation"]),
+        (lambda s: 0.1 * s.held * s.moving + 0.002 * s.a, ["miscalibrated:coulomb_friction", "miscalibrated:inertia"]),
+    ],
+    ids=["one", "two"],
+)
+def test_one_mechanism_stands_for_two_where_it_says_as_much_and_only_there(effect, names):
+    mismatch, noise = laid_out(effect)
+    bent = Term(BY_ID["current_saturation"], (("I_k", 1.0), ("form", 1.0)))
+    two = [Term(BY_ID[i], name=f"miscalibrated:{i}") for i in ("coulomb_friction", "inertia")]
+    library = Library(mismatch, [bent, Term(BY_ID["sensor_gain"]), *two], frozenset(t.name for t in two))
+    library.whiten(noise)
+    assert [t.name for t in fewest(library, noise, two)] == names
+
+
+def test_what_one_axis_gains_by_a_shift_and_another_loses_is_no_shift():
+    late, noise = laid_out(lambda s: -0.01 * np.gradient(s.sim, s.time))
+    rng = np.random.default_rng(6)
+    in_time = laid_out(lambda s: rng.normal(0, 0.7, len(s.time)), "sp")[0]
+    noises = {"x": noise, "sp": Noise(np.zeros(0), np.full(in_time.n, 0.7), 1.0, in_time.usable)}
+    assert find_delay({"x": late}, noises, {}) is not None
+    assert find_delay({"x": late, "sp": in_time}, noises, {}) is None
 
 
 DRAGS = {"spindle_viscous_drag": lambda v: 1e-5 * v, "spindle_windage": lambda v: 3e-10 * v**2}
