@@ -22,12 +22,13 @@ import numpy as np
 
 from pido.core.arrays import Float2D
 from pido.core.axes import AXES, LINEAR_AXES
+from pido.core.clock import utc_now
 from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.machining import Machine
 from pido.core.samples import Samples
 from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
-from pido.physics_journal import Entry, in_force, journal, utc_now, write
+from pido.physics_journal import Entry, in_force, journal, write
 from pido.tracking.promotion import check_person
 from pido.workspace import Workspace
 

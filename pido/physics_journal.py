@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 from pido.core.errors import RegistryError
@@ -55,8 +54,3 @@ def write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:
     """All entries, oldest first; the caller holds the machine's lock."""
     lines = [json.dumps(asdict(e), sort_keys=True) for e in entries]
     write_atomically(workspace.physics_journal(machine), "\n".join(lines) + "\n")
-
-
-def utc_now() -> str:
-    """UTC, as entries carry it."""
-    return datetime.now(UTC).isoformat(timespec="seconds")

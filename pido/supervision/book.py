@@ -15,10 +15,10 @@ import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from typing import Any
 from urllib.parse import unquote
 
+from pido.core.clock import utc_now
 from pido.core.errors import RegistryError
 from pido.core.files import write_atomically
 from pido.core.names import file_name
@@ -113,7 +113,7 @@ class Book:
         write_atomically(self.path.with_name("excluded.json"), json.dumps(content, sort_keys=True))
 
     def _append(self, record: dict[str, Any]) -> None:
-        line = json.dumps({**record, "at": datetime.now(UTC).isoformat(timespec="seconds")}, sort_keys=True)
+        line = json.dumps({**record, "at": utc_now()}, sort_keys=True)
         with self._held() as handle:
             torn = handle.tell() > 0 and self.path.read_bytes()[-1:] != b"\n"
             handle.write(("\n" if torn else "") + line + "\n")

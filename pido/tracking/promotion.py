@@ -17,9 +17,9 @@ import json
 import os
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
+from pido.core.clock import utc_now
 from pido.core.errors import RegistryError
 from pido.core.files import write_atomically
 from pido.core.names import file_name
@@ -185,7 +185,7 @@ def _record(workspace: Workspace, action: str, version: Version, by: str, reason
         bundle=version.bundle,
         by=by,
         reason=reason,
-        at=datetime.now(UTC).isoformat(timespec="seconds"),
+        at=utc_now(),
     )
 
 
