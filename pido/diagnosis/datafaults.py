@@ -189,7 +189,7 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
             _rms(after),
             1 - _rms(before) ** 2 / total,
             1 - _rms(after) ** 2 / total,
-            paired_p(before**2 - after**2, m, rows),
+            paired_p(m.target**2 - moved.target**2, m, rows),
         ),
     )
 

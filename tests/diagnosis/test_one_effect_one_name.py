@@ -170,8 +170,8 @@ def test_three_speeds_tell_which_drags_of_the_spindle_a_simulation_has(there):
     assert set(contained(mismatch, CATALOGUE, noise, rng)) & set(DRAGS) == there
 
 
-@pytest.mark.parametrize("late", [0.13, 0.25])
-def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late):
+@pytest.mark.parametrize(("late", "missing"), [(0.13, 0.0), (0.25, 0.0), (0.25, 0.01)])
+def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late, missing):
     def shifted(recording, rng):
         t, sim = recording.time, recording["curr_x_sim"]
         fine = np.arange(0.0, t[-1], 0.001)
@@ -179,7 +179,9 @@ def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late):
         steps = sim[np.clip(np.searchsorted(t, fine, side="right") - 1, 0, len(t) - 1)]
         late_one = np.interp(t - late, fine, steps)
         keep = {k: recording[k] for k in ("time", "v_x", "pos_x", "a_x", "curr_x_sim")}
-        return Recording(recording.part, keep | {"curr_x": late_one + rng.normal(0, NOISE, len(t))})
+        seen = late_one + rng.normal(0, NOISE, len(t))
+        seen[rng.random(len(t)) < missing] = np.nan
+        return Recording(recording.part, keep | {"curr_x": seen})
 
     rng = np.random.default_rng(2)
     found = diagnose([shifted(r, rng) for r in recordings()])
