@@ -232,8 +232,8 @@ def words(adaptation: Adaptation) -> dict[str, str]:
     else:
         trust = adaptation.trust
         rows = [
-            "none" if terms is None else f"by '{terms.id}', {spacing}"
-            for terms, spacing in zip(trust.terms, trust.spacing, strict=True)
+            (f"by '{terms.id}', {spacing}" if terms else "none of the path") + ", and anchored ones" * anchored
+            for terms, spacing, anchored in zip(trust.terms, trust.spacing, trust.anchored, strict=True)
         ]
     return {axis: f"{near}; rows: {what}" for axis, near, what in zip(AXES, adaptation.choice.near, rows, strict=True)}
 

@@ -34,7 +34,7 @@ from pido.sampling.shares import ShareRule
 
 PRINTED = ("real", "real, other seed", "PiA", "PiE", "PiA+PiE")
 DELIVERED = ("real + direction", "real + direction, other seed", "PiDO")
-OTHERS = (*ROW_RIVALS, "DenseWeight", "equation alone", "forest on residual", "GP on residual")
+OTHERS = (*ROW_RIVALS, "DenseWeight", "finer trees", "equation alone", "forest on residual", "GP on residual")
 BASELINE = dict.fromkeys(PRINTED, "real") | dict.fromkeys((*DELIVERED, *OTHERS), "real + direction")
 GENERATING = tuple(ROW_RIVALS)
 _GP_ROWS, _GP_STEPS = 250, 15
@@ -67,8 +67,7 @@ def tell(
     if set(wanted) & set(PRINTED):
         _printed(cell, machine, wanted, seed, choice, told, trained)
     if set(wanted) & {*DELIVERED, *OTHERS}:
-        gp_rows = _GP_ROWS if trees >= 30 else _GP_ROWS // 3
-        _delivered(cell, machine, wanted, memory, seed, choice, told, trained, gp_rows)
+        _delivered(cell, machine, wanted, memory, seed, choice, told, trained, trees)
     return told
 
 
@@ -83,8 +82,8 @@ def adaptation_for(real: Samples, machine: Machine, memory: Memory, seed: int, e
     return memory.adaptation
 
 
-def _small(trees: int) -> EstimatorFactory:
-    return lambda seed: extra_trees(seed).set_params(n_estimators=trees)
+def _small(trees: int, **settings: int) -> EstimatorFactory:
+    return lambda seed: extra_trees(seed).set_params(n_estimators=trees, **settings)
 
 
 def _model(
@@ -121,7 +120,7 @@ def _printed(
 
 def _delivered(
     cell: Cell, machine: Machine, wanted: Sequence[str], memory: Memory, seed: int, choice: Any, told: Told,
-    trained: Trained, gp_rows: int,
+    trained: Trained, trees: int,
 ) -> None:  # fmt: skip
     method, real, test = Method(), cell.train, cell.test
     needed = relevant_bins(test.reduced, method.grid)
@@ -157,6 +156,9 @@ def _delivered(
     if "DenseWeight" in wanted:
         weights = dense_weights(real.currents)
         note("DenseWeight", AxisModels.fit(real, weights, choice=choice, seed=seed).predict(test))
+    if "finer trees" in wanted:  # rows of their own around few rows may do no more than a row per leaf does
+        finer: dict[str, EstimatorFactory] = dict.fromkeys(AXES, _small(trees, min_samples_leaf=1))
+        note("finer trees", AxisModels.fit(real, choice=finer, seed=seed).predict(test))
     if adapted is not None and by_equation:
         bins = relevant_bins(np.vstack([test.reduced, real.reduced]), method.equation_grid)
         equation = fit_chosen(real, bins, machine, adapted.choice, grid=method.equation_grid, blend=True)
@@ -167,6 +169,7 @@ def _delivered(
         if "forest on residual" in wanted:
             note("forest on residual", said + _model(left, nothing, none, test, choice, "extended", seed, trained))
         if "GP on residual" in wanted:
+            gp_rows = _GP_ROWS if trees >= 30 else _GP_ROWS // 3
             note("GP on residual", said + _gaussian_process(left, test, gp_rows, np.random.default_rng(seed)))
 
 

@@ -23,12 +23,13 @@ from pido.core.arrays import Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.core.machining import Machine
-from pido.core.samples import PIE, Samples
+from pido.core.samples import PIA, PIE, Samples
 from pido.equations.choose import PAPER_CHOICE, AxisEquations, Choice, candidates, choose, fit_chosen
 from pido.equations.terms import TermSet
 from pido.feature_space.density import locate, occupancy, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid, touched
 from pido.feature_space.regional import HeldOut
+from pido.sampling.anchored import anchored
 from pido.sampling.gate import BEYOND_DRIVE, NO_SUPPORT, NOT_RECORDED, OPEN, PASSED, WORSE_THAN_MODEL, Gate
 from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
@@ -171,8 +172,8 @@ def _trusted(
     path: Samples, real: Samples, machine: Machine, fitted: Callable[[], AxisEquations], method: Method, trust: Trust,
     train: Train, rng: np.random.Generator,
 ) -> Balanced:  # fmt: skip
-    """Rows of the coming path itself, up to the target density per bin, with currents as far as the equation is
-    trusted there. Where it is not, the model learns nothing new."""
+    """Rows of the coming path itself (PiE), up to the target density per bin, with currents as far as the equation is
+    trusted there; and rows anchored in recorded ones (PiA), where these have helped."""
     needed = relevant_bins(path.reduced, method.grid)
     asks = taken(path, method.grid, trust.spacing, rng)
     used = [i for i, terms in enumerate(trust.terms) if terms is not None]
@@ -193,11 +194,14 @@ def _trusted(
         passed = (verdict == PASSED) & asks
         rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))
     generated = rows.take(((verdict == PASSED) & asks).any(axis=1))
+    if any(trust.anchored):
+        known = replace(real, currents=np.where(trust.anchored, real.currents, np.nan))
+        generated = Samples.concat([generated, anchored(known, path, method.grid, rng)])
     asked = np.bincount(locate(needed, rows.voxel)[1], minlength=len(needed)) if n else np.zeros_like(needed)
-    none = np.zeros_like(needed)
     refused = np.stack([((verdict == reason) & asks).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
     n_real = occupancy(real.reduced, method.grid).count_in(needed)
-    report = Report(needed, n_real, none, asked, none, occupancy_of(generated, PIE, needed), refused)
+    pia, pie = (occupancy_of(generated, origin, needed) for origin in (PIA, PIE))
+    report = Report(needed, n_real, pia, asked, pia, pie, refused)
     log.info("%s", report.summary())
     return Balanced(generated, np.full((len(generated), 4), method.omega_generated), report, fitted)
 

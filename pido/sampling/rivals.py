@@ -18,12 +18,12 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import KDTree
-from scipy.stats import gaussian_kde
 
 from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.samples import PIA, Samples
 from pido.feature_space.grid import Grid
+from pido.sampling.rarity import density, scale_of
 
 NEIGHBOURS = 5
 NOISE = 0.05
@@ -47,7 +47,7 @@ def smote(real: Samples, bins: Int1D, number: Int1D, grid: Grid, rng: np.random.
 def geometric_smote(real: Samples, bins: Int1D, number: Int1D, grid: Grid, rng: np.random.Generator) -> Samples:
     """Points in the sphere around a row through one of its nearest; the current is weighted by nearness to both."""
     seed, other, target = _pairs(real, bins, number, grid, rng)
-    scale, x = _scale(real.inputs), real.inputs
+    scale, x = scale_of(real.inputs), real.inputs
     along = (x[other] - x[seed]) / scale
     radius = np.linalg.norm(along, axis=1, keepdims=True)
     live = scale < np.inf
@@ -64,7 +64,7 @@ def geometric_smote(real: Samples, bins: Int1D, number: Int1D, grid: Grid, rng: 
 
 def smogn(real: Samples, bins: Int1D, number: Int1D, grid: Grid, rng: np.random.Generator) -> Samples:
     """As many rows as asked for in all, where currents are rare; each axis gets its own, the others are NaN in them."""
-    total, scale, made = int(number.sum()), _scale(real.inputs), []
+    total, scale, made = int(number.sum()), scale_of(real.inputs), []
     for i in range(len(AXES)):
         rows = np.flatnonzero(np.isfinite(real.currents[:, i]))
         if len(rows) < 2 * NEIGHBOURS or not total:
@@ -92,16 +92,6 @@ ROW_RIVALS: dict[str, RowRival] = {
     "geometric SMOTE": geometric_smote,
     "SMOGN": smogn,
 }
-
-
-def density(values: Float1D) -> Float1D:
-    """(n,): how common each value is, 0 (rarest) to 1 (commonest): Gaussian kernel density, Silverman's width."""
-    if not np.ptp(values) > 0:
-        return np.ones(len(values))
-    kernel = gaussian_kde(values, bw_method="silverman")
-    points = np.linspace(values.min(), values.max(), 512)
-    found = np.interp(values, points, kernel(points))
-    return (found - found.min()) / max(float(np.ptp(found)), 1e-300)
 
 
 def dense_weights(currents: Float2D, alpha: float = 1.0, least: float = 1e-3) -> Float2D:
@@ -136,7 +126,7 @@ def _pairs(
     real: Samples, bins: Int1D, number: Int1D, grid: Grid, rng: np.random.Generator
 ) -> tuple[Int1D, Int1D, Int1D]:
     seed, target = _seeds(real, bins, number, grid, rng, at_least=2)
-    ids, scaled = grid.ids(real.reduced), real.inputs / _scale(real.inputs)
+    ids, scaled = grid.ids(real.reduced), real.inputs / scale_of(real.inputs)
     other = np.empty_like(seed)
     for bin_id in np.unique(target):
         rows, mine = np.flatnonzero(ids == bin_id), np.flatnonzero(target == bin_id)
@@ -166,7 +156,7 @@ def _between(real: Samples, seed: Int1D, other: Int1D, share: Float1D, target: I
 
 def _shaken(real: Samples, seed: Int1D, target: Int1D, rng: np.random.Generator) -> Samples:
     rows = real.take(seed)
-    spread = np.nan_to_num(np.where(_scale(real.inputs) < np.inf, _scale(real.inputs), 0.0))
+    spread = np.nan_to_num(np.where(scale_of(real.inputs) < np.inf, scale_of(real.inputs), 0.0))
     known = np.isfinite(real.currents)
     mean = np.where(known, real.currents, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     sd = np.sqrt(np.where(known, (real.currents - mean) ** 2, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
@@ -181,9 +171,3 @@ def _made(rows: Samples, target: Int1D) -> Samples:
         rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64),
         origin=np.full(n, PIA, np.int64), voxel=np.asarray(target, np.int64), expected_error=np.zeros((n, 4)),
     )  # fmt: skip
-
-
-def _scale(inputs: Float2D) -> Float1D:
-    """(13,): spread of each column; infinite where it has none, so that it counts for nothing in a distance."""
-    spread = np.std(inputs, axis=0)
-    return np.where(spread > 1e-12 * np.maximum(np.abs(inputs).max(axis=0, initial=0.0), 1e-300), spread, np.inf)

@@ -16,7 +16,8 @@ that the half: three quarters of what there is to gain, for a quarter of what th
 that were learned without a play would have helped it, on the geometric mean of all plays.
 
 What models make of such rows is another question: they are trained with them in every third play. That decides how
-densely rows are taken from a path (rows per bin, and width of a bin), axis by axis, and whether they are used at all.
+densely rows are taken from a path (rows per bin, and width of a bin), axis by axis, whether they are used at all, and
+whether rows anchored in recorded ones (`pido.sampling.anchored`) are of use beside them.
 
 Measured on a real air cut and on virtual impellers: comparing errors on stretches alone took 20 to 50 % off models that
 later met paths they knew; leverage up to ten times the samples' own is where equations gain most.
@@ -38,6 +39,7 @@ from pido.equations.fit import GlobalEquation, fit_global
 from pido.equations.terms import FRICTION, HELD, HELD_SMALL, TermSet
 from pido.feature_space.grid import SAMPLING_GRID, Grid
 from pido.feature_space.regional import folds
+from pido.sampling.anchored import anchored
 
 log = logging.getLogger(__name__)
 
@@ -85,6 +87,7 @@ class Trust:
     gain : per axis relative change of held-out error, geometric mean over plays; negative is better
     tried : all equations there were; a row's region is told from all of them
     spacing : per axis, how densely rows are taken
+    anchored : per axis, whether rows anchored in recorded ones help its model
     """
 
     terms: tuple[TermSet | None, ...]
@@ -93,10 +96,11 @@ class Trust:
     gain: tuple[float, ...]
     tried: tuple[TermSet, ...]
     spacing: tuple[Spacing, ...] = (Spacing(),) * 4
+    anchored: tuple[bool, ...] = (False,) * 4
 
     @property
     def any(self) -> bool:
-        """Whether any axis has use for generated rows."""
+        """Whether any axis has use for rows of a coming path."""
         return any(terms is not None for terms in self.terms)
 
 
@@ -162,52 +166,67 @@ def learn(
     for i, axis in enumerate(AXES):
         best, one = found.terms[i], found.spacing[i]
         name = "none" if best is None else f"equation '{best.id}' to {found.share[i].round(2).tolist()}, {one}"
-        log.info("%s: generated rows: %s (%+.1f %% held-out RMSE)", axis, name, 100 * found.gain[i])
+        more = ", and anchored ones" if found.anchored[i] else ""
+        log.info("%s: generated rows: %s (%+.1f %% held-out RMSE)%s", axis, name, 100 * found.gain[i], more)
     return found
 
 
 def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omega: float, generated: float) -> Trust:
     """Models trained with rows of each spacing: another spacing than the plain one must be better by 2 % and by two
     standard errors over the plays; an axis whose models lose by the rows, by a standard error, has no use for them.
+    Anchored rows need only be better beside the plain ones on the mean: they lie where rows are, and risk little.
 
-    Both are cautious: there are four plays, and on a real air cut one standard error for another spacing, or less than
-    one against the rows, took a third off what they bring.
+    The others are cautious: there are four plays, and on a real air cut one standard error for another spacing, or less
+    than one against the rows, took a third off what they bring. Asked of anchored rows, a standard error did the same.
     """
-    if not trust.any:
-        return trust
-    used = [i for i, terms in enumerate(trust.terms) if terms is not None]
-    unused = [i for i, terms in enumerate(trust.terms) if terms is None]
-    tried = (trust.spacing[0], *trust.spacing[0].others())
-    ratio = np.full((len(tried), len(plays), 4), np.nan)  # log of the error over that of the model without such rows
+    spacings = (trust.spacing[0], *trust.spacing[0].others()) if trust.any else (trust.spacing[0],)
+    tried = [(spacing, False) for spacing in spacings] + [(spacings[0], True)]
+    ratio = np.zeros((len(tried), len(plays), 4))  # log of the error over that of the model without such rows
     for k, play in enumerate(plays):
-        said = play.model.copy()
-        for i in used:
-            said[:, i] += trust.share[i, play.where[:, i]] * (play.equations[_at(trust, i)][:, i] - play.model[:, i])
-        silent = (trust.share[np.arange(4), play.where] == 0) | ~np.isfinite(said)
-        rest = replace(play.rest, currents=play.rest.currents.copy())
-        rest.currents[:, unused] = np.nan  # nothing is learned for these axes
         base = _square(play.model - play.left.currents)
-        for c, spacing in enumerate(tried):
-            take = taken(play.left, grid, (spacing,) * 4, np.random.default_rng(0))
-            origin = np.full(len(play.left), PIE, np.int64)
-            rows = replace(play.left, origin=origin, currents=np.where(take & ~silent, said, np.nan))
-            rows = rows.take(np.flatnonzero(np.isfinite(rows.currents).any(axis=1)))
-            weights = np.vstack([np.full((len(rest), 4), omega), np.full((len(rows), 4), generated)])
-            helped = train(Samples.concat([rest, rows]), weights)(play.left) if len(rows) else play.model
-            with np.errstate(divide="ignore", invalid="ignore"):
-                ratio[c, k] = 0.5 * np.log(_square(helped - play.left.currents) / base)
+        for c, (spacing, more) in enumerate(tried):
+            rows = _of_play(play, trust, spacing, more, grid)
+            if len(rows):
+                rest = play.rest
+                if not more:  # nothing is learned for axes without such rows
+                    used = [terms is not None for terms in trust.terms]
+                    rest = replace(rest, currents=np.where(used, rest.currents, np.nan))
+                weights = np.vstack([np.full((len(rest), 4), omega), np.full((len(rows), 4), generated)])
+                helped = train(Samples.concat([rest, rows]), weights)(play.left)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    ratio[c, k] = 0.5 * np.log(_square(helped - play.left.currents) / base)
     terms, share, spacing, gain = list(trust.terms), trust.share.copy(), list(trust.spacing), list(trust.gain)
-    for i in used:
-        known = ratio[:, np.isfinite(ratio[:, :, i]).all(axis=0), i]
-        if known.shape[1] < 2:
-            continue
-        mean, error = _mean_and_error(known)
-        if mean[0] >= error[0]:
-            terms[i], share[i], gain[i] = None, 0.0, 0.0
-            continue
-        mean, error = _mean_and_error(known - known[0])
-        spacing[i] = tried[int(np.argmin(np.where((mean + 2.0 * error < 0) & (mean < np.log(_GAIN)), mean, 0.0)))]
-    return replace(trust, terms=tuple(terms), share=share, spacing=tuple(spacing), gain=tuple(gain))
+    of_use = [False] * 4
+    for i in range(4):
+        by_path = ratio[:-1, np.isfinite(ratio[:-1, :, i]).all(axis=0), i]
+        if terms[i] is not None and by_path.shape[1] >= 2:
+            mean, error = _mean_and_error(by_path)
+            if mean[0] >= error[0]:
+                terms[i], share[i], gain[i] = None, 0.0, 0.0
+            else:
+                mean, error = _mean_and_error(by_path - by_path[0])
+                better = (mean + 2.0 * error < 0) & (mean < np.log(_GAIN))
+                spacing[i] = spacings[int(np.argmin(np.where(better, mean, 0.0)))]
+        beside = ratio[-1, :, i] - (0.0 if trust.terms[i] is None else ratio[0, :, i])
+        of_use[i] = bool(np.mean(beside[np.isfinite(beside)]) < 0) if np.isfinite(beside).any() else False
+    return replace(
+        trust, terms=tuple(terms), share=share, spacing=tuple(spacing), gain=tuple(gain), anchored=tuple(of_use)
+    )
+
+
+def _of_play(play: _Play, trust: Trust, spacing: Spacing, more: bool, grid: Grid) -> Samples:
+    """Rows of the path that was left out, as far as the equation is trusted there; with `more`, anchored ones too."""
+    rng = np.random.default_rng(0)
+    said = play.model.copy()
+    for i, terms in enumerate(trust.terms):
+        if terms is not None:
+            said[:, i] += trust.share[i, play.where[:, i]] * (play.equations[_at(trust, i)][:, i] - play.model[:, i])
+    silent = (trust.share[np.arange(4), play.where] == 0) | ~np.isfinite(said)
+    take = taken(play.left, grid, (spacing,) * 4, rng)
+    origin = np.full(len(play.left), PIE, np.int64)
+    rows = replace(play.left, origin=origin, currents=np.where(take & ~silent, said, np.nan))
+    rows = rows.take(np.flatnonzero(np.isfinite(rows.currents).any(axis=1)))
+    return Samples.concat([rows, anchored(play.rest, play.left, grid, rng)]) if more else rows
 
 
 def _mean_and_error(values: Float2D) -> tuple[Float1D, Float1D]:

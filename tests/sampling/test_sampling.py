@@ -272,13 +272,13 @@ def test_rows_of_a_coming_part_help_where_few_samples_show_what_friction_and_loa
     made = balance_for(path, real, MILL, method, found, rng=np.random.default_rng(2), train=quick_trainer())
     rows, report = made.generated, made.report
     assert len(rows)
-    assert (rows.origin == PIE).all()
     known = np.isfinite(rows.currents)
+    assert known[rows.origin == PIA].any(axis=0).tolist() == list(found.trust.anchored)
     for axis, spacing in enumerate(found.trust.spacing):
-        own = occupancy(rows.take(known[:, axis]).reduced, spacing.grid(SAMPLING_GRID))
+        own = occupancy(rows.take(known[:, axis] & (rows.origin == PIE)).reduced, spacing.grid(SAMPLING_GRID))
         assert (own.count <= spacing.density).all()
     assert (rows.expected_error[known] > 0).all()
-    assert report.pie.sum() == len(rows)
+    assert report.pie.sum() == (rows.origin == PIE).sum()
     weights = np.vstack([np.ones((len(real), 4)), made.weights])
     alone = AxisModels.fit(real).predict(truth) - truth.currents
     helped = AxisModels.fit(Samples.concat([real, rows]), weights).predict(truth) - truth.currents
@@ -326,7 +326,9 @@ def test_no_row_is_generated_for_models_that_gain_nothing_by_it():
         return quick(samples.take(heard), weights[heard])
 
     assert learn(viscous(400), MILL, quick).any
-    assert not learn(viscous(400), MILL, deaf).any
+    found = learn(viscous(400), MILL, deaf)
+    assert not found.any
+    assert not any(found.anchored)
 
 
 def test_trust_depends_on_the_set_of_parts_and_not_on_their_order():
@@ -393,10 +395,11 @@ def test_models_kept_from_balancing_are_those_that_training_afresh_gives():
 def test_what_was_learned_about_trust_survives_being_a_file():
     share = np.linspace(0, 1, 20).reshape(4, 5)
     trust = Trust((HELD, None, FRICTION, HELD), share, share + np.inf, (-0.1, 0.0, -0.2, 0.0), (HELD, FRICTION),
-                  (Spacing(), Spacing(10.0, 0.5), Spacing(160.0), Spacing()))  # fmt: skip
+                  (Spacing(), Spacing(10.0, 0.5), Spacing(160.0), Spacing()), (True, False, True, False))  # fmt: skip
     kept = Adaptation(PAPER_CHOICE, None, (ShareRule(),) * 4, {"trusted": trust.gain}, 7, trust)
     back = load(dump(kept), MILL).trust
     assert (back.terms, back.gain, back.tried) == (trust.terms, trust.gain, trust.tried)
     assert back.spacing == trust.spacing
+    assert back.anchored == trust.anchored
     np.testing.assert_array_equal(back.share, trust.share)
     np.testing.assert_array_equal(back.error, trust.error)

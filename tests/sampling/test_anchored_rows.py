@@ -1,0 +1,76 @@
+"""Rows between recorded ones, and whether models gain by them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pido.core.samples import PIA, Samples
+from pido.feature_space.grid import SAMPLING_GRID
+from pido.models.axis_models import quick_trainer
+from pido.sampling.anchored import PER_ROW, anchored
+from pido.sampling.trust import learn
+from tests.sampling.test_sampling import MILL, milling
+
+
+def rows_of(real, seed=0):
+    return anchored(real, real, SAMPLING_GRID, np.random.default_rng(seed))
+
+
+def test_a_row_is_for_one_axis_and_lies_between_its_anchor_and_a_neighbour():
+    real = milling(400)
+    made = rows_of(real)
+    assert len(made) == 4 * PER_ROW * len(real)
+    assert (np.isfinite(made.currents).sum(axis=1) == 1).all()
+    assert (made.origin == PIA).all()
+    assert (made.voxel == SAMPLING_GRID.ids(made.reduced)).all()
+    for axis in range(4):
+        own = made.currents[np.isfinite(made.currents[:, axis]), axis]
+        assert real.currents[:, axis].min() <= own.min() <= own.max() <= real.currents[:, axis].max()
+
+
+def test_an_axis_that_was_not_recorded_gets_no_rows():
+    real = milling(300)
+    currents = real.currents.copy()
+    currents[:, 2] = np.nan
+    currents[20:, 3] = np.nan
+    made = rows_of(replace(real, currents=currents))
+    known = np.isfinite(made.currents).sum(axis=0)
+    assert known.tolist() == [PER_ROW * 300, PER_ROW * 300, 0, PER_ROW * 20]
+    assert not len(rows_of(replace(real, currents=np.full_like(currents, np.nan))))
+
+
+def test_rare_currents_are_anchors_more_often_and_the_order_of_parts_does_not_matter():
+    a, b = milling(300, 1, "a"), milling(300, 2, "b")
+    currents = a.currents.copy()
+    currents[:6, 3] += 50.0  # a run-up
+    a = replace(a, currents=currents)
+    one, two = rows_of(Samples.concat([a, b])), rows_of(Samples.concat([b, a]))
+    np.testing.assert_array_equal(one.currents, two.currents)
+    np.testing.assert_array_equal(one.inputs, two.inputs)
+    spindle = one.currents[np.isfinite(one.currents[:, 3]), 3]
+    assert (spindle > 25).mean() > 5 * 6 / 600
+
+
+def test_a_part_that_leaves_what_was_recorded_gets_none():
+    real, path = milling(600, 1), milling(300, 2)
+    assert len(anchored(real, path, SAMPLING_GRID, np.random.default_rng(0)))
+    fast, steady = path.inputs.copy(), real.inputs.copy()
+    fast[:100, :2] *= 20
+    steady[:, 6] = 18_000.0  # the spindle never changed its speed
+    other = replace(path, inputs=fast)
+    assert not len(anchored(real, other, SAMPLING_GRID, np.random.default_rng(0)))
+    assert not len(anchored(replace(real, inputs=steady), path, SAMPLING_GRID, np.random.default_rng(0)))
+
+
+def run_ups(n: int, seed: int = 0) -> Samples:
+    """Parts whose spindle draws a lot in a few rows, which nothing but its acceleration announces."""
+    part = milling(n, seed)
+    inputs, currents = part.inputs.copy(), part.currents.copy()
+    at = np.arange(5, n, 25)
+    inputs[at, 7] = 5_000.0 * np.where(np.arange(len(at)) % 2, 1, -1)
+    currents[at, 3] += 0.01 * inputs[at, 7]
+    return replace(part, inputs=inputs, currents=currents)
+
+
+def test_they_are_used_where_a_forest_draws_a_few_rows_to_their_surroundings():
+    assert learn(run_ups(400), MILL, quick_trainer()).anchored[3]
