@@ -123,10 +123,10 @@ def _better(measured: dict[str, _Measured]) -> Section:
     plot.y_range.update(start=0, end=1.6 * max([*own, 100.0]))
     head = ["axis", "best trivial rival, A", *(f"{LABEL[k]}, A" for k in TRAINED), "PiDO against real only", "R²"]
     text = [
-        "RMSE per axis. Every model had seen the earlier parts only, and none this one. PiA adds recorded rows that "
-        "were shifted a little, PiE rows that the physical equation predicts, both only where the coming part needs "
-        "them. The trivial rival is the best of a constant, a friction line and a nearest neighbour. A grey bar that "
-        "reaches the top of the plot goes on: its number stands in the table."
+        "RMSE per axis. Every model had seen the earlier parts only, and none this one. PiA adds rows between recorded "
+        "ones, PiE rows of the coming part's path whose currents the physical equation has a say in, both only where "
+        "they had helped on rows held out. The trivial rival is the best of a constant, a friction line and a nearest "
+        "neighbour. A grey bar that reaches the top of the plot goes on: its number stands in the table."
     ]
     return Section("Did it get better?", text, Table(head, rows), [plot])
 
@@ -228,7 +228,7 @@ def _generated(files: RunFiles) -> Section:
         if len(mine):
             plot.scatter(
                 v_x[mine], v_y[mine], marker=marker, size=5, alpha=0.5, color=COLOUR[kind],
-                legend_label={"pia": "PiA: recorded rows shifted", "pie": "PiE: rows from the equation"}[kind],
+                legend_label={"pia": "PiA: beside recorded rows", "pie": "PiE: rows from the equation"}[kind],
             )  # fmt: skip
     refused = str(files.summary["balance"].get("report", "")).splitlines()
     return Section("Where PiDO generated", [*text, *refused], figures=[plot])
