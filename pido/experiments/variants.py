@@ -143,7 +143,7 @@ def _delivered(
     if adapted is not None and "PiDO" in wanted:
         made = balance_for(
             _path(test), real, machine, method, adapted, rng=np.random.default_rng(seed),
-            train=lambda rows, weights: models.predict,  # these rows, with weight 1 each: trained above
+            train=lambda rows, omega: AxisModels.fit(rows, omega, choice=choice, seed=seed, trained=trained).predict,
         )  # fmt: skip
         extra = made.generated
         note("PiDO", _model(real, extra, made.weights, test, choice, "extended", seed, trained), extra)

@@ -184,9 +184,15 @@ def _trusted(
         rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64), origin=np.full(n, PIE, np.int64),
         voxel=method.grid.ids(rows.reduced), expected_error=np.zeros((n, 4)),
     )  # fmt: skip
+    beside = real.take(slice(0, 0))
+    if any(trust.anchored):
+        beside = replace(real, currents=np.where(trust.anchored, real.currents, np.nan))
+        beside = anchored(beside, path, method.grid, rng)
     verdict = np.full((n, 4), PASSED)
     if n:
-        said, error, where = currents(rows, real, machine, trust, train, method.omega_data)
+        said, error, where = currents(
+            rows, real, machine, trust, train, method.omega_data, beside, method.omega_generated
+        )
         most = np.array([machine.current_max_a.get(axis, np.inf) for axis in AXES])
         verdict[np.isnan(said)] = WORSE_THAN_MODEL
         verdict[where == len(LEVELS)] = NO_SUPPORT
@@ -194,9 +200,7 @@ def _trusted(
         passed = (verdict == PASSED) & asks
         rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))
     generated = rows.take(((verdict == PASSED) & asks).any(axis=1))
-    if any(trust.anchored):
-        known = replace(real, currents=np.where(trust.anchored, real.currents, np.nan))
-        generated = Samples.concat([generated, anchored(known, path, method.grid, rng)])
+    generated = Samples.concat([generated, beside])
     asked = np.bincount(locate(needed, rows.voxel)[1], minlength=len(needed)) if n else np.zeros_like(needed)
     refused = np.stack([((verdict == reason) & asks).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
     n_real = occupancy(real.reduced, method.grid).count_in(needed)

@@ -184,15 +184,22 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
     ratio = np.zeros((len(tried), len(plays), 4))  # log of the error over that of the model without such rows
     for k, play in enumerate(plays):
         base = _square(play.model - play.left.currents)
+        beside = anchored(play.rest, play.left, grid, np.random.default_rng(0))
         for c, (spacing, more) in enumerate(tried):
-            rows = _of_play(play, trust, spacing, more, grid)
-            if len(rows):
-                rest = play.rest
-                if not more:  # nothing is learned for axes without such rows
-                    used = [terms is not None for terms in trust.terms]
-                    rest = replace(rest, currents=np.where(used, rest.currents, np.nan))
-                weights = np.vstack([np.full((len(rest), 4), omega), np.full((len(rows), 4), generated)])
-                helped = train(Samples.concat([rest, rows]), weights)(play.left)
+            if more and not len(beside):
+                ratio[c, k] = ratio[0, k] if trust.any else 0.0
+                continue
+            known, weights = play.rest, np.full((len(play.rest), 4), omega)
+            if more:
+                known = Samples.concat([known, beside])
+                weights = np.vstack([weights, np.full((len(beside), 4), generated)])
+            else:  # nothing is learned for axes without rows of the path
+                used = [terms is not None for terms in trust.terms]
+                known = replace(known, currents=np.where(used, known.currents, np.nan))
+            rows = _of_play(play, trust, spacing, grid, train(known, weights)(play.left) if more else play.model)
+            if len(rows) or more:
+                weights = np.vstack([weights, np.full((len(rows), 4), generated)])
+                helped = train(Samples.concat([known, rows]), weights)(play.left)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     ratio[c, k] = 0.5 * np.log(_square(helped - play.left.currents) / base)
     terms, share, spacing, gain = list(trust.terms), trust.share.copy(), list(trust.spacing), list(trust.gain)
@@ -214,19 +221,17 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
     )
 
 
-def _of_play(play: _Play, trust: Trust, spacing: Spacing, more: bool, grid: Grid) -> Samples:
-    """Rows of the path that was left out, as far as the equation is trusted there; with `more`, anchored ones too."""
-    rng = np.random.default_rng(0)
-    said = play.model.copy()
+def _of_play(play: _Play, trust: Trust, spacing: Spacing, grid: Grid, model: Float2D) -> Samples:
+    """Rows of the path that was left out, as far as the equation is trusted there beside what a model says of them."""
+    said = model.copy()
     for i, terms in enumerate(trust.terms):
         if terms is not None:
-            said[:, i] += trust.share[i, play.where[:, i]] * (play.equations[_at(trust, i)][:, i] - play.model[:, i])
+            said[:, i] += trust.share[i, play.where[:, i]] * (play.equations[_at(trust, i)][:, i] - model[:, i])
     silent = (trust.share[np.arange(4), play.where] == 0) | ~np.isfinite(said)
-    take = taken(play.left, grid, (spacing,) * 4, rng)
+    take = taken(play.left, grid, (spacing,) * 4, np.random.default_rng(0))
     origin = np.full(len(play.left), PIE, np.int64)
     rows = replace(play.left, origin=origin, currents=np.where(take & ~silent, said, np.nan))
-    rows = rows.take(np.flatnonzero(np.isfinite(rows.currents).any(axis=1)))
-    return Samples.concat([rows, anchored(play.rest, play.left, grid, rng)]) if more else rows
+    return rows.take(np.flatnonzero(np.isfinite(rows.currents).any(axis=1)))
 
 
 def _mean_and_error(values: Float2D) -> tuple[Float1D, Float1D]:
@@ -256,12 +261,19 @@ def region(rows: Samples, real: Samples, equations: Sequence[GlobalEquation]) ->
 
 
 def currents(
-    rows: Samples, real: Samples, machine: Machine, trust: Trust, train: Train, omega: float = 1.0
-) -> tuple[Float2D, Float2D, Int2D]:
-    """Currents t + w (e - t) of the rows, their expected errors, and their regions: (n, 4) each; NaN where w is 0."""
+    rows: Samples, real: Samples, machine: Machine, trust: Trust, train: Train, omega: float = 1.0,
+    beside: Samples | None = None, generated: float = 1.0,
+) -> tuple[Float2D, Float2D, Int2D]:  # fmt: skip
+    """Currents t + w (e - t) of the rows, their expected errors, and their regions: (n, 4) each; NaN where w is 0.
+
+    beside : anchored rows of weight `generated`, which t learns from as well
+    """
+    known, weights = real, np.full((len(real), 4), omega)
+    if beside is not None and len(beside):
+        known, weights = Samples.concat([real, beside]), np.vstack([weights, np.full((len(beside), 4), generated)])
     used = np.array([terms is not None for terms in trust.terms])
-    asked = replace(real, currents=np.where(used, real.currents, np.nan))  # other axes need no model
-    model = train(asked, np.full((len(real), 4), omega))(rows)
+    asked = replace(known, currents=np.where(used, known.currents, np.nan))  # other axes need no model
+    model = train(asked, weights)(rows)
     equations = {terms.id: fit_global(real, machine, terms) for terms in trust.tried}
     where = region(rows, real, list(equations.values()))
     axis = np.arange(4)
