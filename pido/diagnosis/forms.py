@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pido.diagnosis.confirm import plain_error
+from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.misfit import MISFIT
 from pido.diagnosis.mismatch import Mismatch
@@ -24,7 +24,8 @@ from pido.diagnosis.whiten import Noise
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
 _HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_friction"})
 VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, friction is steady before it is uneven
-_FEW_RIVALS = 5  # that are tried in the place of two terms
+_FEW_RIVALS = 5  # that are tried in the place of several terms
+AS_GOOD = 1 / 0.998  # times an error on unseen folds: as good
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -55,7 +56,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
                 continue
             whole = basis(library, noise, out).bic
             for value in p.values:
-                if value == dict(out[i].shape)[p.name]:
+                if value == dict(out[i].shape).get(p.name, 0.0):
                     break
                 other = replace(term, shape=tuple({**dict(out[i].shape), p.name: value}.items()))
                 trial = [*out[:i], other, *out[i + 1 :]]
@@ -66,26 +67,54 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
 
 
 def fewest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """`terms`, with one mechanism in the place of two where it removes nearly all that the two remove.
+    """`terms`, with one mechanism in the place of several, or of one that acts in a box only, where it removes nearly
+    all that they remove.
 
-    One cause is likelier than two that happen together. What the two remove beyond it is no more than what any textbook
-    form lacks; and it may take no more numbers than they do.
+    One cause is likelier than two that happen together, and a law is likelier than a box that is as good. What they
+    remove beyond it is no more than what any textbook form lacks; and it may take no more numbers than they do.
     """
     out = list(terms)
-    for pair in itertools.combinations(terms, 2):
-        if not all(t in out for t in pair) or any(t.name in ("unknown", "external_force") or t.gates for t in pair):
-            continue
-        rest = [t for t in out if t not in pair]
-        none, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, out))
-        current = basis(library, noise, rest)
-        for score in shortlist_of(library.screen(current), {t.name for t in out})[:_FEW_RIVALS]:
-            trial = [*rest, refine(library, current, score).term]
-            if numbers(trial) > numbers(out):
-                continue
-            if none - plain_error(library.mismatch, trial) ** 2 > (1 - MISFIT) * (none - whole) > 0:
-                out = trial
+    # By the plain error, which decides here: weights that whiten would choose a form by its quick part.
+    flat = even(library.mismatch)
+    changed = len(terms) > 1 or any(t.gates for t in terms)
+    if changed:
+        library.whiten(flat)
+    while changed:
+        changed = False
+        pairs = itertools.combinations(out, 2)
+        for group in dict.fromkeys([tuple(out), *pairs, *((t,) for t in out)]):
+            one = _one_for(library, flat, out, group)
+            if one is not None:
+                out = [*(t for t in out if t not in group), one]
+                changed = True
                 break
+    library.whiten(noise)
     return out
+
+
+def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequence[Term]) -> Term | None:
+    """A mechanism that removes nearly all that `group` does beside the other terms, with no more numbers; or None."""
+    if (len(group) == 1 and not group[0].gates) or any(t.name == "external_force" for t in group):
+        return None
+    if all(t.name == "unknown" for t in group):
+        return None
+    mismatch = library.mismatch
+    rest = [t for t in terms if t not in group]
+    none, whole = (plain_error(mismatch, t) ** 2 for t in (rest, terms))
+    current = basis(library, flat, rest)
+    found = []
+    for score in shortlist_of(library.screen(current), {t.name for t in rest})[:_FEW_RIVALS]:
+        term = refine(library, current, score).term
+        left = plain_error(mismatch, [*rest, term]) ** 2
+        if numbers([term]) <= numbers(group) and none - left > (1 - MISFIT) * (none - whole) > 0:
+            found.append((numbers([term]), left, term))
+    if not found:
+        return None
+    fewest_numbers = min(n for n, _, _ in found)
+    least = min(left for n, left, _ in found if n == fewest_numbers)
+    # Of those as simple and as good the first of the catalogue.
+    near = [t for n, left, t in found if n == fewest_numbers and left < AS_GOOD**2 * least]
+    return min(near, key=lambda t: next(i for i, m in enumerate(library.terms) if m.name == t.name))
 
 
 def _at_standstill(mismatch: Mismatch, term: Term) -> float:
@@ -111,8 +140,8 @@ def _without_places(library: Library, terms: list[Term]) -> list[Term]:
     """`terms` with Coulomb's friction and what changes along the travel for one that does both, where this varies by
     less than VARIES of its mean: the steady one is a finding by itself, and the other has to stand up beside it.
     """
-    coulomb = next((t for t in library.terms if t.mechanism.id == "coulomb_friction"), None)
     at = next((i for i, t in enumerate(terms) if t.mechanism.id == "position_dependent_friction"), None)
+    coulomb = None if at is None else _coulomb(library, terms[at])
     if coulomb is None or at is None or coulomb.name in {t.name for t in terms}:
         return terms
     changing = _without_mean(library, terms[at])
@@ -124,13 +153,23 @@ def _without_places(library: Library, terms: list[Term]) -> list[Term]:
     return trial if changing is None else [*trial[: at + 1], changing, *trial[at + 1 :]]
 
 
+def _coulomb(library: Library, like: Term) -> Term | None:
+    """Coulomb's friction, at rest as another friction is there."""
+    offered = [t for t in library.terms if t.mechanism.id == "coulomb_friction"]
+    rest = dict(like.shape).get("rest", 0.0)
+    return next((t for t in offered if dict(t.shape).get("rest", 0.0) == rest), None)
+
+
 def _without_mean(library: Library, term: Term) -> Term | None:
     """A friction along the travel without its mean over it; None where it has none."""
     shape = dict(term.shape)
     if shape["form"] > 1:
         return None
     if shape["form"] == 1:
-        shape = next(s for s in term.mechanism.starts(library.mismatch.states) if s["form"] == 1)
+        shape = {
+            **next(s for s in term.mechanism.starts(library.mismatch.states) if s["form"] == 1),
+            "rest": shape.get("rest", 0.0),
+        }
     return replace(term, shape=tuple({**shape, "form": shape["form"] + 3.0}.items()))
 
 
@@ -169,6 +208,11 @@ def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term])
             turned = replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items()))
             if beside:
                 return [*terms[:i], turned, *terms[i + 1 :]]  # the same sum, with all of Coulomb's friction in its name
+            rest = [*terms[:i], *terms[i + 1 :]]
+            held = [*terms[:i], replace(coulomb, shape=(("rest", 2.0),)), *terms[i + 1 :]]
+            none, plain, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, held, terms))
+            if none - plain > (1 - MISFIT) * (none - whole) > 0:
+                return held
             trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
             if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:
                 return trial

@@ -93,7 +93,11 @@ def candidates(
             rejected.append(Rejected(mismatch.axis, mechanism.id, reason))
             continue
         name = f"miscalibrated:{mechanism.id}" if mechanism.id in contained else mechanism.id
-        terms += grid_terms(mechanism, mismatch.states, name)
+        offered = grid_terms(mechanism, mismatch.states, name)
+        if mechanism.id == "coulomb_friction" and mismatch.base_names:
+            # The equation fits sgn(v) itself: what a held friction adds to it is that of standstill, by its own name.
+            offered = [t for t in offered if not dict(t.shape).get("rest")]
+        terms += offered
         if mechanism.id in contained:
             terms.append(replace(contained[mechanism.id], name=name))
     return terms, rejected

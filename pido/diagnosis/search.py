@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, plain_error
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
-from pido.diagnosis.forms import fewest, likelier, plainest, rivals_of
+from pido.diagnosis.forms import AS_GOOD, fewest, likelier, plainest, rivals_of
 from pido.diagnosis.identify import (
     SIGNIFICANT_NAME,
     Answer,
@@ -42,7 +42,6 @@ _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term
 # Of a simulated weight: a constant that is less of it is the sensor's. Zeros of current sensors are good to a percent
 # of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
 _ZERO = 0.02
-_HARDLY_MORE = 1 / 0.998  # times an error on unseen folds: as good
 
 
 @dataclass(frozen=True)
@@ -229,7 +228,7 @@ def _taken(answer: Answer, trial: Answer, kept: list[Term]) -> list[Term]:
 
 def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether no more terms leave an error on unseen folds that is hardly larger."""
-    return 0 < len(fewer) <= len(terms) and plain_error(mismatch, fewer) < _HARDLY_MORE * plain_error(mismatch, terms)
+    return 0 < len(fewer) <= len(terms) and plain_error(mismatch, fewer) < AS_GOOD * plain_error(mismatch, terms)
 
 
 def without(terms: Sequence[Term], i: int) -> list[Term]:

@@ -325,6 +325,19 @@ def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> S
     for _ in range(rounds):
         for parameter in score.term.mechanism.shape:
             best = _refine_one(library, current, best, parameter)
+            if parameter.name == "rest":
+                best = _at_rest(library, current, best, parameter)
+    return best
+
+
+def _at_rest(library: Library, current: Basis, score: Score, parameter: Parameter) -> Score:
+    """The same law with what it does at rest that fits best; a search does not start from all of these forms."""
+    best = score
+    for value in parameter.values:
+        other = {**dict(score.term.shape), parameter.name: value}
+        found = library.score(replace(score.term, shape=tuple(other.items())), current)
+        if found is not None and found.bic < best.bic:
+            best = found
     return best
 
 

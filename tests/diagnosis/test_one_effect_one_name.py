@@ -9,13 +9,13 @@ from pido.core.recording import Recording
 from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.forms import fewest, plainest
-from pido.diagnosis.identify import Answer, confirm
+from pido.diagnosis.identify import Answer, confirm, select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.search import first_look, search
-from pido.diagnosis.select import Library
+from pido.diagnosis.select import Library, grid_terms
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.timing import find_delay
 from pido.diagnosis.whiten import Noise
 
@@ -48,7 +48,6 @@ def laid_out(effect, axis="x") -> tuple[Mismatch, Noise]:
     return mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
 
 
-@pytest.mark.xfail(strict=True, reason="named first, but what mends its form by WORTH of the error stays beside it")
 def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
     def delayed(state):
         friction = 0.3 * np.exp(-((state.v / 2.0) ** 2)) * state.held
@@ -142,6 +141,48 @@ def test_one_mechanism_stands_for_two_where_it_says_as_much_and_only_there(effec
     library = Library(mismatch, [bent, Term(BY_ID["sensor_gain"]), *two], frozenset(t.name for t in two))
     library.whiten(noise)
     assert [t.name for t in fewest(library, noise, two)] == names
+
+
+def test_a_law_of_speed_is_likelier_than_a_box_of_speed_that_is_as_good():
+    mismatch, noise = laid_out(lambda s: 0.1 * np.exp(-((s.v / 3.0) ** 2)) * s.held * s.moving)
+    coulomb, law = BY_ID["coulomb_friction"], BY_ID["stribeck_friction"]
+    library = Library(mismatch, [Term(coulomb), *grid_terms(law, mismatch.states)])
+    library.whiten(noise)
+    slow = Term(coulomb, gates=(Gate("v_x", low=-4.0), Gate("v_x", high=4.0)))
+    assert [t.name for t in fewest(library, noise, [slow])] == ["stribeck_friction"]
+
+
+def test_one_mechanism_stands_for_three_that_share_what_it_does():
+    mismatch, noise = laid_out(lambda s: 0.1 * s.held * s.moving)
+    names = ("viscous_friction", "stribeck_friction", "friction_asymmetry", "coulomb_friction")
+    library = Library(mismatch, [t for i in names for t in grid_terms(BY_ID[i], mismatch.states)])
+    library.whiten(noise)
+    slow = Term(BY_ID["stribeck_friction"], (("v_s", 6.0), ("delta", 2.0), ("rest", 0.0)))
+    one_side = Term(BY_ID["friction_asymmetry"], (("side", 1.0), ("rest", 0.0)))
+    three = [Term(BY_ID["viscous_friction"]), slow, one_side]
+    assert [t.name for t in fewest(library, noise, three)] == ["coulomb_friction"]
+
+
+@pytest.mark.parametrize(
+    ("law", "effect"),
+    [
+        ("position_dependent_friction", lambda s, z: 0.1 * np.sin(s.pos / 3.0) * z),
+        ("friction_asymmetry", lambda s, z: 0.1 * np.abs(z)),
+    ],
+)
+def test_friction_that_is_held_at_rest_and_turns_over_a_way_is_one_finding(law, effect):
+    def turning(state):
+        """dz/ds = (h - z) / x_0, step by step (Dahl 1968)."""
+        z, now = np.zeros(len(state.time)), 0.0
+        for i, (h, way) in enumerate(zip(state.held, np.abs(np.diff(state.pos, prepend=state.pos[0])), strict=True)):
+            now = h + (now - h) * np.exp(-way / 0.05)
+            z[i] = now
+        return effect(state, z)
+
+    mismatch, noise = laid_out(turning)
+    beside = ("sensor_offset", "coulomb_friction", "stribeck_friction", "standstill_friction", "presliding_hysteresis")
+    library = Library(mismatch, [t for i in (law, *beside) for t in grid_terms(BY_ID[i], mismatch.states)])
+    assert [t.name for t in select_terms(library, noise, in_time=False)] == [law]
 
 
 def test_what_one_axis_gains_by_a_shift_and_another_loses_is_no_shift():

@@ -113,7 +113,8 @@ class Mechanism(ABC):
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         """(low, high) between which a shape parameter is moved when a search refines it; equal where it is settled."""
         parameter = next(p for p in self.shape if p.name == name)
-        return (shape[name], shape[name]) if parameter.is_choice else parameter.around(shape[name])
+        here = shape.get(name, 0.0)
+        return (here, here) if parameter.is_choice else parameter.around(here)
 
     def free(self, shape: Mapping[str, float]) -> int:
         """How many shape parameters were fitted; choosing among forms is charged with the number of shapes tried."""

@@ -1,7 +1,8 @@
 """Friction of an axis: what it resists with, in motion, at standstill and after a reversal.
 
 In:  `AxisState`. Out: mechanisms of the catalogue; the laws are in `pido.physics.friction`.
-The sign of the motion has a dead band: below it the axis stands, and only what holds at standstill acts.
+The sign of the motion has a dead band: below it the axis stands, and only what holds at standstill acts. `rest` says
+for a law of any friction whether it is zero there (0), as a simulation with sgn(v) has it, or held (see `direction`).
 """
 
 from __future__ import annotations
@@ -17,9 +18,18 @@ from pido.diagnosis.state import AxisState
 from pido.physics.drive import best_stretch, wave
 from pido.physics.friction import dahl_state, stribeck_curve
 
+_TURNS_MM = (0.003, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
+_REST = choice("rest", 1 + len(_TURNS_MM))
 
-def direction(state: AxisState) -> Float1D:
-    """(n,) – sign of the motion, 0 at standstill."""
+
+def direction(state: AxisState, rest: float = 0.0) -> Float1D:
+    """(n,) – sign of the motion, 0 at standstill; or, with `rest`, what friction itself knows of it.
+
+    Friction does not end where the axis stops: it goes on holding, and turns over a small way after a reversal (Dahl
+    1968). An axis that stands is moved by micrometres all the time, and those do not turn it.
+    """
+    if round(rest):
+        return dahl_state(state.held, state.since_reversal, state.segment, _TURNS_MM[round(rest) - 1])
     return state.held * state.moving
 
 
@@ -38,12 +48,13 @@ class CoulombFriction(Mechanism):
     """Friction of constant size against the motion (Coulomb 1785)."""
 
     id = "coulomb_friction"
-    equation = "dI = F_c * sgn(v)"
+    equation = "dI = F_c * sgn(v), at rest 0 or held"
     amplitudes = (Parameter("F_c", "A", low=0.0),)
+    shape = (_REST,)
     summary = "whenever the {axis} axis moves, against its direction"
 
-    def regressors(self, state, **shape):
-        return column(direction(state))
+    def regressors(self, state, *, rest=0.0):
+        return column(direction(state, rest))
 
     def needs(self, states):
         return moves(states)
@@ -68,7 +79,7 @@ class ViscousFriction(Mechanism):
 class StribeckFriction(Mechanism):
     """Friction that rises as the axis slows down (Stribeck 1902; Armstrong-Hélouvry 1994).
 
-    rest : 0 nothing at standstill; 1 the drive goes on holding against the static friction with which the axis stopped
+    rest : 0 nothing at standstill; else the drive goes on holding against the static friction with which it stopped
     """
 
     id = "stribeck_friction"
@@ -78,12 +89,12 @@ class StribeckFriction(Mechanism):
     shape = (
         Parameter("v_s", "mm/s", low=0.05, high=40.0, scale="log", points=9),
         Parameter("delta", "–", low=0.5, high=2.0, values=(1.0, 2.0)),
-        choice("rest", 2),
+        _REST,
     )
     axes = LINEAR_AXES
 
     def regressors(self, state, *, v_s, delta, rest=0.0):
-        return column(stribeck_curve(state.v, v_s, delta) * (state.held if round(rest) else direction(state)))
+        return column(stribeck_curve(state.v, v_s, delta) * direction(state, rest))
 
     def needs(self, states):
         return moves(states)
@@ -100,16 +111,17 @@ class StribeckFriction(Mechanism):
 
 
 class StandstillFriction(Mechanism):
-    """Friction that holds at standstill with the sign of the last motion."""
+    """Friction that holds at standstill with the sign of the last motion; `rest`: 0 of any, else turned over a way."""
 
     id = "standstill_friction"
     equation = "dI = F_h * sgn(v before the stop) at standstill"
     amplitudes = (Parameter("F_h", "A", low=0.0),)
+    shape = (_REST,)
     axes = LINEAR_AXES
     summary = "{axis} axis, at standstill, with the sign of its last motion"
 
-    def regressors(self, state, **shape):
-        return column(state.held * ~state.moving)
+    def regressors(self, state, *, rest=0.0):
+        return column((direction(state, rest) if round(rest) else state.held) * ~state.moving)
 
     def needs(self, states):
         still = any(np.any((s.held != 0) & ~s.moving) for s in states)
@@ -123,14 +135,14 @@ class FrictionAsymmetry(Mechanism):
     """Different Coulomb and viscous friction in the two directions; `side`: 0 both halves, 1 only +, 2 only -."""
 
     id = "friction_asymmetry"
-    equation = "dI = (dF_c + dF_v * |v|) on one side or in opposite halves"
+    equation = "dI = (dF_c + dF_v * |v|) on one side or in opposite halves, at rest 0 or held"
     amplitudes = (Parameter("dF_c", "A"), Parameter("dF_v", "A/(mm/s)"))
-    shape = (choice("side", 3),)
+    shape = (choice("side", 3), _REST)
     axes = LINEAR_AXES
     summary = "{axis} axis, friction differs between + and - direction"
 
-    def regressors(self, state, *, side):
-        h = direction(state)
+    def regressors(self, state, *, side, rest=0.0):
+        h = direction(state, rest)
         weight = (np.abs(h) / 2, np.maximum(h, 0.0), np.minimum(h, 0.0))[int(np.clip(round(side), 0, 2))]
         return np.column_stack([weight, weight * np.abs(state.v)])
 
@@ -146,19 +158,19 @@ class LoadDependentFriction(Mechanism):
     """
 
     id = "load_dependent_friction"
-    equation = "dI = mu * |F_perp| * sgn(v)"
+    equation = "dI = mu * |F_perp| * sgn(v), at rest 0 or held"
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
-    shape = (choice("across", 3),)
+    shape = (choice("across", 3), _REST)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
     follows_from = ("force_perp",)
 
-    def regressors(self, state, *, across=0.0):
+    def regressors(self, state, *, across=0.0, rest=0.0):
         if state.force_perp is None:
             return nothing(state)
         others = [np.abs(f) for a, f in state.forces.items() if a != state.axis]
         load = (state.force_perp, *others)[round(across)]
-        return column(load * direction(state))
+        return column(load * direction(state, rest))
 
     def needs(self, states):
         if any(s.force_perp is None for s in states):
@@ -175,7 +187,7 @@ class PositionDependentFriction(Mechanism):
 
     id = "position_dependent_friction"
     equation = (
-        "dI = g(pos) * sgn(v); g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
+        "dI = g(pos) * sgn(v), at rest 0 or held; g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
         "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L; "
         "beside Coulomb's friction without a mean: G_1 * u + G_2 * (u^2 - 1/3), p_0 in the middle"
     )
@@ -184,15 +196,16 @@ class PositionDependentFriction(Mechanism):
         choice("form", 5),
         Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
         Parameter("p_0", "mm", values=(0.0,)),
+        _REST,
     )
     axes = LINEAR_AXES
     looked_at = 100
     follows_from = ("pos",)
 
-    def regressors(self, state, *, form, L, p_0):
+    def regressors(self, state, *, form, L, p_0, rest=0.0):
         if state.pos is None:
             return nothing(state, 3)
-        h, u = direction(state), (state.pos - p_0) / L
+        h, u = direction(state, rest), (state.pos - p_0) / L
         one, zero = np.ones(len(h)), np.zeros(len(h))
         if round(form) in (0, 3):
             return np.column_stack([one if form == 0 else zero, wave(state.pos, L)]) * h[:, None]
@@ -212,7 +225,8 @@ class PositionDependentFriction(Mechanism):
         waves = [(0.0, span / (0.5 + 0.5 * k), 0.0) for k in range(18)]
         bend = [(1.0, span / 2, (low + high) / 2)]
         places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
-        return tuple({"form": f, "L": L, "p_0": p} for f, L, p in (*waves, *bend, *places))
+        forms = (*waves, *bend, *places)
+        return tuple({"form": f, "L": L, "p_0": p, "rest": rest} for rest in (0.0, 2.0) for f, L, p in forms)
 
     def suggest(self, states, left):
         """The stretch of the travel whose friction stands out most from the rest of it."""
@@ -226,7 +240,10 @@ class PositionDependentFriction(Mechanism):
         if good.sum() < 50 or high - low < 1e-3:
             return ()
         stretch = best_stretch(pos[good], (value * h)[good], low, high)
-        return () if stretch is None else ({"form": 2.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2},)
+        if stretch is None:
+            return ()
+        place = {"form": 2.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2}
+        return tuple({**place, "rest": rest} for rest in (0.0, 2.0))
 
     def around(self, name, shape, states):
         low, high = _ends(states)
