@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
-from pido.diagnosis.misfit import MISFIT
+from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library, basis, drop_useless, refine, shortlist_of
 from pido.diagnosis.terms import Term
@@ -183,17 +183,20 @@ _STEADY = (
 
 def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
     """`terms` with a steady load for one that drifts with the temperature, where nearly all that this removes is its
-    mean: a first order drift is a constant with three more numbers."""
+    mean: a first order drift is a constant with three more numbers. Friction is never quite its law; a constant is."""
     at = next((i for i, t in enumerate(terms) if t.mechanism.id == "thermal_drift"), None)
     if at is None:
         return terms
-    steady = _STEADY[round(dict(terms[at].shape)["along"])]
+    along = round(dict(terms[at].shape)["along"])
+    lacks = MISFIT if along else MISFIT_PLAIN
     rest = [t for k, t in enumerate(terms) if k != at]
     taken = {t.name for t in rest}
-    for other in {t.name: t for t in library.terms if t.mechanism.id in steady and t.name not in taken}.values():
+    for other in {
+        t.name: t for t in library.terms if t.mechanism.id in _STEADY[along] and t.name not in taken
+    }.values():
         trial = [*terms[:at], replace(other, gates=terms[at].gates), *terms[at + 1 :]]
         none, flat, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, trial, terms))
-        if none - flat > (1 - MISFIT) * (none - whole) > 0:
+        if none - flat > (1 - lacks) * (none - whole) > 0:
             return trial
     return terms
 
@@ -245,11 +248,21 @@ def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
         own = None if own is None else refine(library, rest, own)
         gain = 0.0 if own is None else max(0.0, basis(library, noise, out).bic - own.bic)
         rivals = [r for r in rivals_of(library, noise, out, i) if not _holds(r.term, term)]
-        if rivals and rivals[0].delta_bic < -_LIKELIER - gain:
+        if rivals and rivals[0].delta_bic < -_LIKELIER - gain and not _says_more(library, out, i, rivals[0].term):
             out[i] = rivals[0].term
         elif own is not None and gain > 0:
             out[i] = own.term
     return out
+
+
+def _says_more(library: Library, terms: Sequence[Term], i: int, rival: Term) -> bool:
+    """Whether a rival takes more numbers to remove no more than what any textbook form lacks beside a term."""
+    if numbers([rival]) <= numbers([terms[i]]):
+        return False
+    rest = [t for k, t in enumerate(terms) if k != i]
+    none, own, other = (plain_error(library.mismatch, t) ** 2 for t in (rest, terms, [*rest, rival]))
+    lacks = MISFIT_PLAIN if terms[i].mechanism.id in _STEADY[0] else MISFIT
+    return none - own > (1 - lacks) * (none - other) > 0
 
 
 def _holds(rival: Term, term: Term) -> bool:

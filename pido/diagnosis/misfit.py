@@ -26,7 +26,7 @@ _LEAST_NAMELESS = 0.4
 _TIED_TO_TIME = frozenset({"unknown", "external_force", "thermal_drift"})
 # Share of what findings remove where a further one acts, below which it only mends the form of the others: of a term
 # whose shape is free, and of one that can take a single form only.
-MISFIT, _MISFIT_PLAIN = 0.04, 0.01
+MISFIT, MISFIT_PLAIN = 0.04, 0.01
 # The same around stops and reversals. What acts there is quick beside the control loop and the filters that it goes
 # through, and turns within micrometres that no record shows: a textbook form is right to a good part of it only. One
 # that takes WORTH of the error on unseen folds away stays nevertheless: a correction is better with it.
@@ -174,7 +174,7 @@ def _mends_form(
             share = min(share, whole / at_stops)
         at_stops += max(whole, 0.0) if terms[i].mechanism.id in _AT_STOPS else 0.0
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
-        small = share < (_MISFIT_AT_STOPS if of_stops else MISFIT if free else _MISFIT_PLAIN)
+        small = share < (_MISFIT_AT_STOPS if of_stops else MISFIT if free else MISFIT_PLAIN)
         small = small or (share < _SMALL and added < (_SMALL_EFFECT * level) ** 2)
         if moved is None:
             small = small and not less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != i], WORTH)

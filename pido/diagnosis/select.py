@@ -331,7 +331,9 @@ def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> S
 
 
 def _at_rest(library: Library, current: Basis, score: Score, parameter: Parameter) -> Score:
-    """The same law with what it does at rest that fits best; a search does not start from all of these forms."""
+    """The same law with what it does at rest that fits best, where the library asks for that at all."""
+    if not any(dict(t.shape).get(parameter.name) for t in library.terms if t.name == score.term.name):
+        return score
     best = score
     for value in parameter.values:
         other = {**dict(score.term.shape), parameter.name: value}

@@ -8,7 +8,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose
-from pido.diagnosis.forms import fewest, plainest
+from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
@@ -72,6 +72,23 @@ def test_a_drift_that_is_nearly_all_mean_is_the_steady_load():
     library = Library(mismatch, [drift, Term(BY_ID["coulomb_friction"])])
     library.whiten(noise)
     assert [t.name for t in plainest(library, noise, [drift])] == ["coulomb_friction"]
+
+
+def test_a_load_that_fades_a_little_is_no_wrong_zero_of_a_sensor():
+    mismatch, noise = laid_out(lambda s: 0.1 * np.exp(-s.time / 60.0))
+    drift = Term(BY_ID["thermal_drift"], (("tau", 60.0), ("clock", 0.0), ("along", 0.0), ("rises", 0.0)))
+    library = Library(mismatch, [drift, Term(BY_ID["sensor_offset"])])
+    library.whiten(noise)
+    assert [t.name for t in plainest(library, noise, [drift])] == ["thermal_drift"]
+
+
+def test_a_law_gives_way_to_one_with_more_numbers_only_where_this_removes_more():
+    mismatch, noise = laid_out(lambda s: 1e-5 * s.v * np.exp(-s.time / 400.0), "sp")
+    drift = Term(BY_ID["thermal_drift"], (("tau", 400.0), ("clock", 0.0), ("along", 2.0), ("rises", 0.0)))
+    drag = Term(BY_ID["spindle_viscous_drag"])
+    library = Library(mismatch, [drag, drift])
+    library.whiten(noise)
+    assert [t.name for t in likelier(library, noise, [drag])] == ["spindle_viscous_drag"]
 
 
 def test_a_drift_that_drifts_stays_one():
