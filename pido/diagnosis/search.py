@@ -69,7 +69,10 @@ def best_gain(mismatch: Mismatch, noise: Noise, offered: Sequence[Term], inside:
     """2 log likelihood that the best single mechanism gains; a shift in time is none of one axis."""
     library = Library(mismatch, _not_timing(offered), _any_sign(inside))
     library.whiten(noise)
-    return max((s.gain for s in library.screen(basis(library, noise, []))), default=0.0)
+    nothing = basis(library, noise, [])
+    most = max((s.gain for s in library.screen(nothing)), default=0.0)
+    # Of unknown variance, as a delay is judged: what is left of a strong effect is no noise of the given level.
+    return float(-nothing.n * np.log1p(-most / nothing.rss)) if most > 0 else 0.0
 
 
 def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answer:
