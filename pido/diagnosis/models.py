@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT_SIM
@@ -132,9 +133,16 @@ def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
 
 
 def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
-    """The signal as it is seen `delay[0] + delay[1] * time` later; held at the ends."""
+    """The signal as it is seen `delay[0] + delay[1] * time` later; held at the ends.
+
+    Between samples by cubics that do not overshoot (Fritsch and Carlson 1980): straight lines cut the peaks, and what
+    is cut then looks like a part of the shift.
+    """
     good = np.isfinite(values)
-    return np.interp(time - delay[0] - delay[1] * time, time[good], values[good]) if good.any() else values
+    if np.sum(good) < 2:
+        return values
+    first, last = time[good][0], time[good][-1]
+    return PchipInterpolator(time[good], values[good])(np.clip(time - delay[0] - delay[1] * time, first, last))
 
 
 def as_json(models: Mapping[str, AxisModel]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Float1D
+from pido.diagnosis.confirm import even
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import shifted
 from pido.diagnosis.state import AxisState
@@ -61,13 +62,26 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
     if sum(gains.values()) < sum(gains_steady.values()) + 12.0:
         best, gains, sd = steady, gains_steady, (sd[0], 0.0)
     total = sum(gains.values())
-    if total < _LEAST_GAIN or total < 1.1 * sum(max(0.0, rivals.get(a, 0.0)) for a in with_sim) or abs(best[0]) < 1e-6:
+    if total < _LEAST_GAIN or total < 1.1 * sum(max(0.0, rivals.get(a, 0.0)) for a in with_sim):
         return None
     # A shift is the same on all axes: what one gains, and the others lose as clearly, is its own.
     against = -sum(min(g, 0.0) for g in gains.values())
     if sum(g > 0 for g in gains.values()) < 2 and against > _LEAST_GAIN:
         return None
-    return Delay(best[0], best[1], sd, total, gains)
+    return Delay(best[0], best[1], _as_wide(with_sim, noises, best, sd), total, gains)
+
+
+def _as_wide(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], best: Pair, sd: Pair) -> Pair:
+    """`sd`, or what makes a 95 % interval reach the delay that even weights find: were the two signals the same but for
+    the delay, the weights would not matter (in the spirit of Hausman 1978).
+    """
+    flat = {a: replace(even(m), level=np.full(m.n, float(np.median(noises[a].level)))) for a, m in axes.items()}
+    before = {a: _rss(m, flat[a], (0.0, 0.0)) for a, m in axes.items()}
+    other = best
+    for _ in range(4):
+        other, _ = _step(axes, flat, other, best[1] != 0.0, before)
+    offset, drift = (max(s, abs(o - b) / 1.96) for s, o, b in zip(sd, other, best, strict=True))
+    return offset, drift
 
 
 def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:

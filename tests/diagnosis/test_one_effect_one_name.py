@@ -12,7 +12,7 @@ from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
-from pido.diagnosis.search import first_look, search
+from pido.diagnosis.search import best_gain, first_look, search
 from pido.diagnosis.select import Library, grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
@@ -209,6 +209,46 @@ def test_what_one_axis_gains_by_a_shift_and_another_loses_is_no_shift():
     noises = {"x": noise, "sp": Noise(np.zeros(0), np.full(in_time.n, 0.7), 1.0, in_time.usable)}
     assert find_delay({"x": late}, noises, {}) is not None
     assert find_delay({"x": late, "sp": in_time}, noises, {}) is None
+
+
+@pytest.mark.parametrize(("offset", "drift"), [(-0.011, 0.0), (0.0, -2e-4)])
+def test_a_shift_of_less_than_a_sample_is_found_and_its_interval_holds_it(offset, drift):
+    rng = np.random.default_rng(3)
+    t = np.arange(2000) * 0.02
+    # Spectral lines: what the signal is between its samples is known exactly.
+    lines = np.array([rng.normal(0, 1, 40), rng.uniform(0.02, 4, 40), rng.uniform(0, 6, 40)]).T
+
+    def signal(u):
+        return sum(0.1 * a / (1 + f) * np.sin(2 * np.pi * f * u + p) for a, f, p in lines)
+
+    made = [
+        r.with_columns(curr_x_sim=signal(t), curr_x=signal(t - offset - drift * t) + rng.normal(0, NOISE, len(t)))
+        for r in recordings()
+    ]
+    states = axis_states(made, "x")
+    mismatch = lay_out(states, [s.curr - s.sim for s in states])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    found = find_delay({"x": mismatch}, {"x": noise}, {})
+    assert found is not None
+    for value, truth, sd in zip((found.offset, found.drift), (offset, drift), found.sd, strict=True):
+        assert abs(value - truth) <= 3 * max(sd, 1e-5)
+
+
+def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
+    def late(recording, rng):
+        sim = recording["curr_x_sim"]
+        t = recording.time
+        return recording.with_columns(curr_x=np.interp(t - 0.02, t, sim) + rng.normal(0, NOISE, len(t)))
+
+    rng = np.random.default_rng(2)
+    states = axis_states([late(r, rng) for r in recordings()], "x")
+    mismatch = lay_out(states, [s.curr - s.sim for s in states])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    offered = [t for i in ("inertia", "presliding_hysteresis") for t in grid_terms(BY_ID[i], mismatch.states)]
+    rival = best_gain(mismatch, noise, offered, {})
+    found = find_delay({"x": mismatch}, {"x": noise}, {"x": rival})
+    assert found is not None
+    assert abs(found.offset - 0.02) < 1e-3
 
 
 DRAGS = {"spindle_viscous_drag": lambda v: 1e-5 * v, "spindle_windage": lambda v: 3e-10 * v**2}
