@@ -10,6 +10,7 @@ BIC (Chen and Chen 2008) charges a mechanism for the number of shapes that were 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -82,7 +83,9 @@ class Library:
             first += len(columns)
         self.spans = spans
         self.rows = np.concatenate(rows) if rows else np.zeros((0, mismatch.n), np.float32)
-        self.tries = {name: sum(t.name == name for t in self.terms) for name in {t.name for t in self.terms}}
+        # What a friction does at rest makes it no other law: a claim of friction is not charged for it.
+        tried = {(t.name, tuple(p for p in t.shape if p[0] != "rest")) for t in self.terms}
+        self.tries = Counter(name for name, _ in tried)
         self.whitened = self.rows
         self.grams: list[Float2D] = []
         self._own = np.zeros(0)

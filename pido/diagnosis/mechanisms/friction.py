@@ -19,7 +19,8 @@ from pido.physics.drive import best_stretch, wave
 from pido.physics.friction import dahl_state, stribeck_curve
 
 _TURNS_MM = (0.003, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
-_REST = choice("rest", 1 + len(_TURNS_MM))
+# What turns over the longest of them, in motion, is presliding by its own name.
+_REST = choice("rest", len(_TURNS_MM))
 
 
 def direction(state: AxisState, rest: float = 0.0) -> Float1D:
@@ -116,7 +117,7 @@ class StandstillFriction(Mechanism):
     id = "standstill_friction"
     equation = "dI = F_h * sgn(v before the stop) at standstill"
     amplitudes = (Parameter("F_h", "A", low=0.0),)
-    shape = (_REST,)
+    shape = (choice("rest", 1 + len(_TURNS_MM)),)
     axes = LINEAR_AXES
     summary = "{axis} axis, at standstill, with the sign of its last motion"
 
