@@ -94,8 +94,8 @@ def clipped(parts: Sequence[Recording], axis: str) -> Limits:
         if limits is None or CURRENT_SIM[axis] not in recording:
             continue
         current, sim = recording[CURRENT[axis]], recording[CURRENT_SIM[axis]]
-        low = limits[0] if np.isfinite(limits[0]) and np.nanmean(sim[current == limits[0]]) < limits[0] else -np.inf
-        high = limits[1] if np.isfinite(limits[1]) and np.nanmean(sim[current == limits[1]]) > limits[1] else np.inf
+        low = limits[0] if np.isfinite(limits[0]) and np.nanmean(sim[current <= limits[0]]) < limits[0] else -np.inf
+        high = limits[1] if np.isfinite(limits[1]) and np.nanmean(sim[current >= limits[1]]) > limits[1] else np.inf
         if np.isfinite(low) or np.isfinite(high):
             out[recording.part.part] = (float(low), float(high))
     return out

@@ -96,10 +96,13 @@ def clipping(recording: Recording, axis: str) -> tuple[float, float] | None:
     current = current[np.isfinite(current)]
     if len(current) < 100 or np.ptp(current) == 0:
         return None
-    low, high = float(current.min()), float(current.max())
     levels = len(np.unique(current))
-    flat = [_flat(current, v) and levels > 50 for v in (low, high)]
-    return None if not any(flat) else (low if flat[0] else -np.inf, high if flat[1] else np.inf)
+    # Units and files leave the last digits of a limit uncertain: it is given such that every sample at it reaches it.
+    low, high = (_at(current, float(v)) for v in (current.min(), current.max()))
+    flat = [_flat(rows) and levels > 50 for rows in (low, high)]
+    if not any(flat):
+        return None
+    return float(current[low].max()) if flat[0] else -np.inf, float(current[high].min()) if flat[1] else np.inf
 
 
 def time_shift(recording: Recording, axis: str, longest_s: float = 1.0) -> tuple[float, float] | None:
@@ -193,8 +196,11 @@ def _short_reversal(time: Float1D, v: Float1D) -> Bool1D:
     return out
 
 
-def _flat(current: Float1D, level: float) -> bool:
-    at = np.isclose(current, level, rtol=0, atol=1e-9 * float(np.ptp(current)))
+def _at(current: Float1D, level: float) -> Bool1D:
+    return np.isclose(current, level, rtol=0, atol=1e-9 * float(np.ptp(current)))
+
+
+def _flat(at: Bool1D) -> bool:
     longest = max((j - i + 1 for i, j in runs(at)), default=0)
     return at.mean() > _FLAT_SHARE and longest >= 3
 

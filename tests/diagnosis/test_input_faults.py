@@ -120,6 +120,16 @@ def test_limits_of_a_current_are_read_exactly_on_each_side_that_has_one(low, hig
     assert clipping(clean.with_columns(curr_x=np.clip(current, low, high)), "x") == (low, high)
 
 
+def test_a_limit_whose_last_digits_differ_is_the_limit_of_all_samples_at_it():
+    clean = axis_in_motion(100.0)
+    rng = np.random.default_rng(3)
+    current = np.minimum(3 * np.sin(1.3 * clean.time), 2.0)
+    recorded = clean.with_columns(curr_x=current * (1 + 1e-13 * rng.normal(size=len(clean))))
+    found = clipping(recorded, "x")
+    assert found is not None
+    assert np.sum(recorded["curr_x"] >= found[1]) == np.sum(current == 2.0)
+
+
 def test_an_air_cut_of_a_real_machine_has_faults_in_the_spindle_only(real_data):
     recording = read_recording(real_data / "kit_dmc60h" / "S235JR_part2_aircut_1.csv")
     found = input_faults(recording)
