@@ -3,7 +3,8 @@
 In:  one axis of all parts, the joint model, its noise.
 Out: p values that blocks stand behind, errors before and after on unseen parts, intervals by block bootstrap.
 Source: cluster-robust Wald test (Liang and Zeger 1986; small-sample form CR1); false discovery rate (Benjamini and
-Hochberg 1995); resampled blocks carry the whole joint fit (Künsch 1989, with the weights of Rubin 1981).
+Hochberg 1995); a variance of few blocks judged beside that of all (as Smyth 2004); resampled blocks carry the whole
+joint fit (Künsch 1989, with the weights of Rubin 1981).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pido.diagnosis.whiten import Noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 _DRAWS = 400
+_MANY_BLOCKS = 30  # beyond which Student's t of their number is nearly normal
 _MERGED = (1, 4, 16)  # blocks that count as one observation
 _FEWEST_UNITS = 6  # observations to resample
 _FEWEST_PARTS_TO_RESAMPLE = 6
@@ -69,6 +71,13 @@ def p_value(model: Whitened, which: int, block: Int1D) -> float:
     meat = scores.T @ scores * effective / max(effective - 1.0, 0.5)
     cover = bread @ meat @ bread
     wald = float(beta @ np.linalg.pinv(cover, rcond=1e-9) @ beta) / k
+    if effective < _MANY_BLOCKS:
+        # A variance of few blocks is hardly known. What all blocks say of it is: how far their sums scatter beyond what
+        # independent rows would. The larger of the two stands, with the certainty of all blocks.
+        rows = np.maximum(np.bincount(block, model.y != 0), 1)
+        scatter = float(np.mean(np.bincount(block, residual) ** 2 / rows)) / float(residual @ residual / free)
+        wald = min(wald, gain / k / (residual @ residual / free) / max(1.0, scatter))
+        effective = float(len(rows))
     robust = float(stats.f.sf(wald, k, max(1.0, effective - 1.0)))
     return float(min(1.0, max(classical, robust)))
 
@@ -161,6 +170,15 @@ def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> f
     gain = gain if rows is None else gain[rows]
     count = np.bincount(block)
     return p_of_mean(np.bincount(block, gain)[count > 0])
+
+
+def added_p(before: Float1D, after: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> float:
+    """One-sided p that what one model leaves on unseen folds is partly what another one predicts beyond it.
+
+    Between squared errors stands what the other's amplitudes cost; here it does not, and few blocks say more.
+    Source: forecast encompassing (Harvey, Leybourne and Newbold 1998); for nested models Clark and West (2007).
+    """
+    return paired_p(before * (before - after), mismatch, rows)
 
 
 def p_of_mean(values: Array1D) -> float:
