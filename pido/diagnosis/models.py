@@ -18,6 +18,7 @@ from pido.core.columns import CURRENT_SIM
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.baseline import equation_names, equation_rows
+from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Lagged, Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -206,6 +207,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"factors": [list(f) for f in factors], "unit": unit, "seen": [list(r) for r in seen]}
         case Peak(signal=signal, unit=unit, even=even):
             own |= {"signal": signal, "unit": unit, "even": even}
+        case Bend(signal=signal, seen=seen):
+            own |= {"bends": signal, "seen": list(seen)}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut):
@@ -252,6 +255,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "signal" in own:
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]))
+    if "bends" in own:
+        return Bend(str(own["bends"]), (float(own["seen"][0]), float(own["seen"][1])))
     if "rings" in own:
         return Ringing(str(own["rings"]), str(own["unit"]))
     if "lags" in own:

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.confirm import less_error, plain_error
+from pido.diagnosis.bends import Bend, bends
+from pido.diagnosis.confirm import plain_error
 from pido.diagnosis.dynamics import Lagged, Ringing, remembering
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.mismatch import Mismatch
@@ -69,10 +70,13 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             share = _share_asked(found.term, beside=len(trial) > max(1, len(terms)))
             margin = _CLEARLY + min(share, _SEPARATE_SHARE) * max(nothing.bic - best.bic, 0.0)
             more = best.rss - tried.rss > share * max(nothing.rss - best.rss, 0.0)
+            if len(trial) < len(best_terms) and numbers(trial) < numbers(best_terms):
+                # A name comes first because a law of the textbook is likely; that several act at once is not.
+                margin, more = 0.0, True
             likelier = tried.bic + _CHARGE < best.bic - margin and more
             # A form that is smooth where a sign is sharp fits the transients of a filtered current better than the law
             # itself: the plain error has to be smaller as well, and not only the quick part of it.
-            plainly = likelier and less_error(mismatch, trial, best_terms, _LESS_ERROR)
+            plainly = likelier and _less_error(mismatch, trial, best_terms)
             if plainly or _says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, replace(tried, searched=tried.searched + _CHARGE)
     joint = fit(mismatch, noise, best_terms)
@@ -86,6 +90,15 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             "and neither a mechanism nor a formula or curve describes it."
         )
     return best_terms, None
+
+
+def _less_error(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term]) -> bool:
+    """Whether `trial` leaves clearly less error on unseen folds than `terms`.
+
+    Clearly is a share of the error, or of what is removed where this is little: of a faint effect all is less.
+    """
+    none, former, now = (plain_error(mismatch, t) ** 2 for t in ((), terms, trial))
+    return former - now > min(2 * _LESS_ERROR * former, _CLEARLY_SHARE * (none - now))
 
 
 def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
@@ -149,9 +162,10 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
 
 
 def _ranked(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
-    """Formulas and peaks by what each alone would take away from the coarse residual, best first."""
+    """Formulas, peaks and bends by what each alone would take away from the coarse residual, best first."""
     gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
+    gains += [(gain, Term(bend)) for gain, bend in bends(known, few)]
     return [t for _, t in sorted(gains, key=lambda g: -g[0])]
 
 
@@ -223,7 +237,7 @@ def _quantities(term: Term) -> frozenset[str]:
     match term.mechanism:
         case Formula(factors=factors):
             return frozenset(n for n, _ in factors)
-        case Peak(signal=signal) | Ringing(signal=signal) | Lagged(signal=signal):
+        case Peak(signal=signal) | Bend(signal=signal) | Ringing(signal=signal) | Lagged(signal=signal):
             return frozenset({signal})
         case _:
             return frozenset()

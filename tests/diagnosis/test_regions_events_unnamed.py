@@ -1,14 +1,18 @@
 """Boxes of the reduced space, forces over intervals, waves in time, effects without a name: each planted and found."""
 
+import re
+
 import numpy as np
 import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.bends import Bend
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
 from pido.diagnosis.identify import select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
+from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import MOST_TERMS, Library, basis
@@ -31,6 +35,9 @@ def recordings(count=3, rows=1500):
             v = np.convolve(np.repeat(rng.uniform(-12, 12, rows // 25), 25), np.ones(7) / 7, "same")
             columns |= {f"v_{axis}": v, f"pos_{axis}": np.cumsum(v) * 0.02, f"a_{axis}": np.gradient(v, t)}
         yield Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1, start_time_s=100.0 * k), columns)
+
+
+POS = np.concatenate([r["pos_x"] for r in recordings()])
 
 
 def laid_out(effect, seed=0) -> tuple[Mismatch, Noise]:
@@ -170,6 +177,26 @@ def test_what_no_mechanism_describes_becomes_one_unknown_over_the_right_quantity
     (term,) = terms
     assert term.name == "unknown"
     assert "v_y" in term.mechanism.equation
+
+
+def test_a_spring_about_a_place_is_one_unknown_and_not_a_level_beside_a_wave():
+    middle = 0.5 * (POS.min() + POS.max()) + 0.2 * np.ptp(POS)
+    mismatch, noise = laid_out(lambda s: 0.15 * ((s.pos - middle) / np.ptp(POS)) ** 2)
+    offset, ripple = (Term(next(m for m in CATALOGUE if m.id == i)) for i in ("sensor_offset", "torque_ripple"))
+    ripple = Term(ripple.mechanism, (("L", 1.5 * np.ptp(POS)),))
+    terms, _ = with_unknown(library_of(mismatch, noise, offset, ripple), noise, [offset, ripple], seed=0)
+    (term,) = terms
+    assert term.mechanism == Bend("pos_x", (POS.min(), POS.max()))
+    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2, 0.3]),))
+    (again,) = axis_models(as_json({"x": model}))["x"].terms
+    assert again == term
+
+
+def test_a_faint_law_without_a_name_counts_by_its_own_size_and_not_by_the_noise():
+    mismatch, noise = laid_out(lambda s: 1.3e-4 * s.v * s.others["y"].v)  # takes 0.8 % of the error away
+    terms, _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
+    (term,) = terms
+    assert {"v_x", "v_y"} <= set(re.findall("v_.", term.mechanism.equation))
 
 
 def test_a_named_effect_that_explains_everything_keeps_its_name():
