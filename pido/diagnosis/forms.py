@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
-from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN
+from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN, WORTH
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library, basis, drop_useless, refine, shortlist_of
 from pido.diagnosis.terms import Term
@@ -106,7 +106,7 @@ def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequen
     for score in shortlist_of(library.screen(current), {t.name for t in rest})[:_FEW_RIVALS]:
         term = refine(library, current, score).term
         left = plain_error(mismatch, [*rest, term]) ** 2
-        if numbers([term]) <= numbers(group) and none - left > (1 - MISFIT) * (none - whole) > 0:
+        if _nearly_all(none, left, whole) and numbers([term]) <= numbers(group):
             found.append((numbers([term]), left, term))
     if not found:
         return None
@@ -115,6 +115,14 @@ def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequen
     # Of those as simple and as good the first of the catalogue.
     near = [t for n, left, t in found if n == fewest_numbers and left < AS_GOOD**2 * least]
     return min(near, key=lambda t: next(i for i, m in enumerate(library.terms) if m.name == t.name))
+
+
+def _nearly_all(none: float, left: float, whole: float) -> bool:
+    """Whether what leaves the mean square `left` does nearly all that leaves `whole`, of `none` without either.
+
+    Of a strong effect a small share is a lot: what makes a correction clearly worse stands for nothing.
+    """
+    return none - left > (1 - MISFIT) * (none - whole) > 0 and whole > (1 - WORTH) ** 2 * left
 
 
 def _at_standstill(mismatch: Mismatch, term: Term) -> float:
@@ -206,6 +214,7 @@ def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term])
     if coulomb is None:
         return terms
     beside = any(t.name == coulomb.name and not t.gates for t in terms)
+    may_hold = any(dict(t.shape).get("rest") for t in library.terms if t.name == coulomb.name)
     for i, term in enumerate(terms):
         if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
             turned = replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items()))
@@ -214,7 +223,7 @@ def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term])
             rest = [*terms[:i], *terms[i + 1 :]]
             held = [*terms[:i], replace(coulomb, shape=(("rest", 2.0),)), *terms[i + 1 :]]
             none, plain, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, held, terms))
-            if none - plain > (1 - MISFIT) * (none - whole) > 0:
+            if may_hold and _nearly_all(none, plain, whole):
                 return held
             trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
             if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:

@@ -94,7 +94,7 @@ def candidates(
             continue
         name = f"miscalibrated:{mechanism.id}" if mechanism.id in contained else mechanism.id
         offered = grid_terms(mechanism, mismatch.states, name)
-        if mechanism.id == "coulomb_friction" and mismatch.base_names:
+        if mechanism.id in ("coulomb_friction", "friction_asymmetry") and mismatch.base_names:
             # The equation fits sgn(v) itself: what a held friction adds to it is that of standstill, by its own name.
             offered = [t for t in offered if not dict(t.shape).get("rest")]
         terms += offered
