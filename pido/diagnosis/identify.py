@@ -17,10 +17,10 @@ import numpy as np
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.confirm import (
     SIGNIFICANT,
-    added_p,
     cross_residual,
     even,
     p_value,
+    paired_p,
     plain_error,
     q_values,
     rms_held_out,
@@ -94,7 +94,7 @@ def candidates(
             continue
         name = f"miscalibrated:{mechanism.id}" if mechanism.id in contained else mechanism.id
         offered = grid_terms(mechanism, mismatch.states, name)
-        if mechanism.id in ("coulomb_friction", "friction_asymmetry") and mismatch.base_names:
+        if mismatch.base_names and not (mechanism.transient or mechanism.id == "standstill_friction"):
             # The equation fits sgn(v) itself: what a held friction adds to it is that of standstill, by its own name.
             offered = [t for t in offered if not dict(t.shape).get("rest")]
         terms += offered
@@ -177,11 +177,11 @@ def seen_slowly(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[
     found = select_terms(library, slow, in_time=False)
     library.whiten(noise)
     plain = even(mismatch)
-    nothing, former, trial = (cross_residual(mismatch, plain, t) for t in ((), terms, found))
-    more = float(np.sum((former**2 - trial**2)[mismatch.usable]))
-    clearly = more > MORE_REMOVED * float(np.sum((nothing**2 - former**2)[mismatch.usable]))
+    nothing, former, trial = (cross_residual(mismatch, plain, t) ** 2 for t in ((), terms, found))
+    more = float(np.sum((former - trial)[mismatch.usable]))
+    clearly = more > MORE_REMOVED * float(np.sum((nothing - former)[mismatch.usable]))
     simpler = bool(found) and more > 0 and numbers(found) < numbers(terms) + clearly
-    if simpler or (clearly and added_p(former, trial, mismatch, mismatch.usable) < SIGNIFICANT):
+    if simpler or (clearly and paired_p(former - trial, mismatch, mismatch.usable) < SIGNIFICANT):
         return found, slow
     return list(terms), noise
 
