@@ -48,8 +48,11 @@ def whitened(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Whitene
     )
 
 
-def p_value(model: Whitened, which: int, block: Int1D) -> float:
-    """Two-sided p of one term given all others: the larger of the classical F test and the block-robust Wald test."""
+def p_value(model: Whitened, which: int, block: Int1D, pooled: bool = False) -> float:
+    """Two-sided p of one term given all others: the larger of the classical F test and the block-robust Wald test.
+
+    pooled : where few blocks speak for the term, all blocks say how far their sums scatter
+    """
     own = model.spans[which]
     others = np.delete(model.X, np.r_[own], axis=0)
     X = model.X[own]
@@ -71,14 +74,14 @@ def p_value(model: Whitened, which: int, block: Int1D) -> float:
     meat = scores.T @ scores * effective / max(effective - 1.0, 0.5)
     cover = bread @ meat @ bread
     wald = float(beta @ np.linalg.pinv(cover, rcond=1e-9) @ beta) / k
-    if effective < _MANY_BLOCKS:
+    robust = float(stats.f.sf(wald, k, max(1.0, effective - 1.0)))
+    if pooled and effective < _MANY_BLOCKS:
         # A variance of few blocks is hardly known. What all blocks say of it is: how far their sums scatter beyond what
         # independent rows would. The larger of the two stands, with the certainty of all blocks.
         rows = np.maximum(np.bincount(block, model.y != 0), 1)
         scatter = float(np.mean(np.bincount(block, residual) ** 2 / rows)) / float(residual @ residual / free)
         wald = min(wald, gain / k / (residual @ residual / free) / max(1.0, scatter))
-        effective = float(len(rows))
-    robust = float(stats.f.sf(wald, k, max(1.0, effective - 1.0)))
+        robust = min(robust, float(stats.f.sf(wald, k, len(rows) - 1)))
     return float(min(1.0, max(classical, robust)))
 
 
@@ -170,15 +173,6 @@ def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> f
     gain = gain if rows is None else gain[rows]
     count = np.bincount(block)
     return p_of_mean(np.bincount(block, gain)[count > 0])
-
-
-def added_p(before: Float1D, after: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> float:
-    """One-sided p that what one model leaves on unseen folds is partly what another one predicts beyond it.
-
-    Between squared errors stands what the other's amplitudes cost; here it does not, and few blocks say more.
-    Source: forecast encompassing (Harvey, Leybourne and Newbold 1998); for nested models Clark and West (2007).
-    """
-    return paired_p(before * (before - after), mismatch, rows)
 
 
 def p_of_mean(values: Array1D) -> float:

@@ -304,7 +304,9 @@ def confirm(
         # Whitened rows tell quick effects best, plain ones slow effects; both are judged by blocks, and two looks cost
         # twice. Each shape that was tried is a question of its own.
         both = [whitened(mismatch, n, terms) for n in (noise, even(mismatch))]
-        p = [2 * min(p_value(model, i, mismatch.block) for model in both) for i in range(len(terms))]
+        # Blocks that differ tell what only mends the form of others, or was made up from what they leave.
+        alone = len(terms) == 1 and (bool(terms[0].gates) or terms[0].name != "unknown")
+        p = [2 * min(p_value(model, i, mismatch.block, alone) for model in both) for i in range(len(terms))]
         tried = [min(1.0, v * _claims(library, t)) for v, t in zip(p, terms, strict=True)]
         q = q_values(tried, questions)
         worst = int(np.argmax(q))

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
-from pido.diagnosis.confirm import SIGNIFICANT, added_p, cross_residual, even, less_error, paired_p
+from pido.diagnosis.confirm import SIGNIFICANT, cross_residual, even, less_error, paired_p
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library
 from pido.diagnosis.terms import Term, fit, solve
@@ -73,8 +73,8 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
             before, after = (cross_residual(mismatch, noise, t, fold) for t in (others, terms))
         else:
             before, after = cross_residual(mismatch, noise, others), every
-        before, after = noise.whiten(np.array([before, after]))
-        if np.sum(before**2 - after**2) <= 0 or added_p(before, after, mismatch, mismatch.usable) > 0.05:
+        gain = noise.whiten(before[None])[0] ** 2 - noise.whiten(after[None])[0] ** 2
+        if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
             return i, "no gain on parts that were not fitted"
     i = _mends_at_stops(mismatch, noise, terms)
     if i is not None:
