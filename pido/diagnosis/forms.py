@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
-from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN, WORTH
+from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library, basis, drop_useless, refine, shortlist_of
 from pido.diagnosis.terms import Term
@@ -26,6 +26,7 @@ _HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_frictio
 VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, friction is steady before it is uneven
 _FEW_RIVALS = 5  # that are tried in the place of several terms
 AS_GOOD = 1 / 0.998  # times an error on unseen folds: as good
+_WORSE = 0.15  # of the error on unseen folds, by which one law for several may be worse: their forms mend each other
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -122,7 +123,7 @@ def _nearly_all(none: float, left: float, whole: float) -> bool:
 
     Of a strong effect a small share is a lot: what makes a correction clearly worse stands for nothing.
     """
-    return none - left > (1 - MISFIT) * (none - whole) > 0 and whole > (1 - WORTH) ** 2 * left
+    return none - left > (1 - MISFIT) * (none - whole) > 0 and whole > (1 - _WORSE) ** 2 * left
 
 
 def _at_standstill(mismatch: Mismatch, term: Term) -> float:
