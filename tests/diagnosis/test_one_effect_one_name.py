@@ -48,7 +48,6 @@ def laid_out(effect, axis="x") -> tuple[Mismatch, Noise]:
     return mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
 
 
-@pytest.mark.xfail(strict=True, reason="named first, but what mends its form by a quarter of the error stays beside it")
 def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
     def delayed(state):
         friction = 0.3 * np.exp(-((state.v / 2.0) ** 2)) * state.held
