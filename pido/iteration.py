@@ -28,7 +28,7 @@ from pido.core.arrays import Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.core.machining import Machine
-from pido.core.samples import PIA, PIE, REAL, Samples
+from pido.core.samples import PIA, PIE, REAL, Samples, Train
 from pido.equations.choose import AxisEquations
 from pido.equations.terms import TermSet
 from pido.feature_space.density import balance as evenness
@@ -40,7 +40,6 @@ from pido.models.metrics import AxisMetrics, metrics
 from pido.models.rivals import RIVALS
 from pido.sampling.method import PAPER_METHOD, Adaptation, Method, adapt, balance_for
 from pido.sampling.optimise import Report
-from pido.sampling.trust import Train
 
 log = logging.getLogger(__name__)
 Progress = Callable[[int, int, str], None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -72,3 +73,7 @@ class Samples:
     def reduced(self) -> Float2D:
         """(n, 3): the reduced feature space M = (v_x mm/s, v_y mm/s, AR mm²) (paper, section III-D)."""
         return np.column_stack([self.inputs[:, 0], self.inputs[:, 1], self.ar])
+
+
+Train = Callable[[Samples, Float2D], Callable[[Samples], Float2D]]
+"""Samples and weights (n, 4) to a predictor of currents (n, 4), A: any model."""

@@ -1,14 +1,15 @@
 """Rows anchored in recorded ones: PiA as delivered, where what has been recorded is thin for the model that learns it.
 
-In:  real rows, a generator of random numbers. Out: PiA rows, each for one axis.
+In:  real rows, the coming path, a way to train a model, a generator of random numbers. Out: PiA rows, each for one axis.
 
 A row lies between a recorded one and one of its nearest, and its current between theirs; where the nearest are far it is
 the recorded one with a twentieth of each input's spread added. Rare currents are anchors more often, as in SMOGN (Branco,
 Torgo, Ribeiro, PMLR 74, 2017): a run-up of the spindle is a few rows, and a forest with several rows to a leaf draws it
 to its surroundings; with rows around it, it does not.
 
-They are made only for a part that goes where rows have been recorded. Where it leaves them, forests that follow a few
-rare rows closely carry these anywhere: on virtual mills the spindle's currents of a run-up, a hundred times the error.
+Such rows say nothing that was not recorded. Where a model's answers on the coming path change by more than half the
+spread of the recorded currents all the same, it carries them to where nothing was recorded, and that axis gets none: on
+virtual mills a run-up of the spindle, carried so, was up to ten times the error.
 
 What an equation says of the way between two rows so near adds nothing that could be measured on four machines; far from
 both, where a term is large, it does harm. Equations speak where nothing was recorded (`pido.sampling.trust`).
@@ -21,8 +22,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from pido.core.arrays import Bool1D, Float2D, Int1D
-from pido.core.samples import PIA, Samples
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
+from pido.core.samples import PIA, Samples, Train
 from pido.feature_space.grid import Grid
 from pido.sampling.rarity import density, scale_of
 
@@ -33,49 +34,48 @@ _NEIGHBOURS = 5
 _SHAKE = 0.05  # of each column's spread
 _RAREST = 0.1  # of the commonest current's density; what is rarer still is no likelier to be an anchor
 _POOL = 20_000  # rows among which neighbours are looked for
-_PATH = 2_000  # rows of a path that are asked whether they are near
-_FAR = 3.0  # times the distance within which recorded rows have their neighbours
-_MOST_FAR = 0.1  # of a path's rows
+_STEADY = 0.5  # of the spread of recorded currents: what rows that say nothing new may change on a path
+_ASKED = 4_000  # recorded rows, and rows of a path, that this is asked of
 
 
-def anchored(real: Samples, path: Samples, grid: Grid, rng: np.random.Generator) -> Samples:
-    """PiA rows around rows of `real` for every axis that was recorded there, in whatever order `real` holds its parts.
+def anchored(real: Samples, path: Samples, train: Train, grid: Grid, rng: np.random.Generator) -> Samples:
+    """PiA rows around rows of `real`, in whatever order it holds its parts, for every axis that was recorded there and
+    whose model they leave steady on the path.
 
-    path : the coming part, without a look at its currents; where it leaves what was recorded there are no rows
+    path : the coming part; its currents are not looked at
     A row carries the part and row of its anchor, the bin it lies in, and as expected error what two rows so near differ
     by. Its other currents are NaN.
     """
     real = real.take(np.lexsort((real.row, real.part.astype(str))))
-    made = []
-    for axis in range(4) if _within(path, real, rng) else ():
+    scale, made = scale_of(real.inputs), []
+    for axis in range(4):
         rows = np.flatnonzero(np.isfinite(real.currents[:, axis]))
         if len(rows) > 2 * _NEIGHBOURS:
-            made.append(_around(real, rows, axis, grid, rng))
-    return Samples.concat(made) if made else real.take(slice(0, 0))
+            made.append(_around(real, rows, axis, scale, grid, rng))
+    if not made or not len(path):
+        return real.take(slice(0, 0))
+    rows = Samples.concat(made)
+    steady = _steady(real, rows, path, train, rng)
+    return rows.take(np.flatnonzero(np.isfinite(rows.currents[:, steady]).any(axis=1)))
 
 
-def _within(path: Samples, real: Samples, rng: np.random.Generator) -> bool:
-    """Whether nine tenths of the path are about as near to recorded rows as these are to each other."""
-    if not len(path) or len(real) <= 2 * _NEIGHBOURS:
-        return False
-    scale = scale_of(real.inputs)
-    some, asked = (
-        rows.inputs if len(rows) <= most else rows.inputs[rng.choice(len(rows), most, replace=False)]
-        for rows, most in ((real, _POOL), (path, _PATH))
-    )
-    tree, still = KDTree(some / scale), ~np.isfinite(scale)
-    usual = np.quantile(np.asarray(tree.query(some[:_PATH] / scale, k=_NEIGHBOURS + 1)[0])[:, 1:], 0.95)
-    constant = real.inputs[0, still]
-    far = np.asarray(tree.query(asked / scale)[0]) > _FAR * usual
-    far |= (np.abs(asked[:, still] - constant) > 1e-9 * np.maximum(np.abs(constant), 1.0)).any(axis=1)
-    return bool(far.mean() <= _MOST_FAR)
+def _steady(real: Samples, made: Samples, path: Samples, train: Train, rng: np.random.Generator) -> Bool1D:
+    """(4,): axes whose models say nearly the same of the path with the rows `made` and without. Where there are many,
+    an even share of both is asked: it says as much, and training with all takes as long as the models themselves."""
+    real = real.take(np.flatnonzero(np.isfinite(real.currents).any(axis=1)))
+    share = min(1.0, _ASKED / len(real))
+    some, more = real.take(rng.random(len(real)) <= share), made.take(rng.random(len(made)) <= share)
+    asked = path if len(path) <= _ASKED else path.take(rng.choice(len(path), _ASKED, replace=False))
+    without, beside = (train(rows, np.ones((len(rows), 4)))(asked) for rows in (some, Samples.concat([some, more])))
+    change = np.sqrt(np.mean((beside - without) ** 2, axis=0))
+    known = [column[np.isfinite(column)] for column in some.currents.T]
+    return change <= _STEADY * np.array([np.std(column) if len(column) else np.nan for column in known])
 
 
-def _around(real: Samples, rows: Int1D, axis: int, grid: Grid, rng: np.random.Generator) -> Samples:
+def _around(real: Samples, rows: Int1D, axis: int, scale: Float1D, grid: Grid, rng: np.random.Generator) -> Samples:
     n = min(PER_ROW * len(rows), _MOST)
     chance = 1.0 / np.maximum(density(real.currents[rows, axis]), _RAREST)
     a = rows[rng.choice(len(rows), n, p=chance / chance.sum())]
-    scale = scale_of(real.inputs)
     b, near = _neighbour(real.inputs / scale, a, rows, rng)
     s = rng.random(n) * near
     columns = s[:, None]

@@ -23,7 +23,7 @@ from pido.core.arrays import Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.core.machining import Machine
-from pido.core.samples import PIA, PIE, Samples
+from pido.core.samples import PIA, PIE, Samples, Train
 from pido.equations.choose import PAPER_CHOICE, AxisEquations, Choice, candidates, choose, fit_chosen
 from pido.equations.terms import TermSet
 from pido.feature_space.density import locate, occupancy, relevant_bins
@@ -35,7 +35,7 @@ from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.optimise import Report, occupancy_of, optimise
 from pido.sampling.shares import ShareRule, fill, nothing
-from pido.sampling.trust import LEVELS, Train, Trust, currents, learn, taken
+from pido.sampling.trust import LEVELS, Trust, currents, learn, taken
 
 log = logging.getLogger(__name__)
 
@@ -187,7 +187,7 @@ def _trusted(
     beside = real.take(slice(0, 0))
     if any(trust.anchored):
         beside = replace(real, currents=np.where(trust.anchored, real.currents, np.nan))
-        beside = anchored(beside, path, method.grid, rng)
+        beside = anchored(beside, path, train, method.grid, rng)
     verdict = np.full((n, 4), PASSED)
     if n:
         said, error, where = currents(

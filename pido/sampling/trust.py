@@ -26,7 +26,7 @@ later met paths they knew; leverage up to ten times the samples' own is where eq
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +34,7 @@ import numpy as np
 from pido.core.arrays import Bool1D, Bool2D, Float1D, Float2D, Int2D
 from pido.core.axes import AXES
 from pido.core.machining import Machine
-from pido.core.samples import PIE, Samples
+from pido.core.samples import PIE, Samples, Train
 from pido.equations.fit import GlobalEquation, fit_global
 from pido.equations.terms import FRICTION, HELD, HELD_SMALL, TermSet
 from pido.feature_space.grid import SAMPLING_GRID, Grid
@@ -42,9 +42,6 @@ from pido.feature_space.regional import folds
 from pido.sampling.anchored import anchored
 
 log = logging.getLogger(__name__)
-
-Train = Callable[[Samples, Float2D], Callable[[Samples], Float2D]]
-"""Samples and weights (n, 4) to a predictor of currents (n, 4): any model."""
 
 SHIPPED = (HELD_SMALL, HELD, FRICTION)
 LEVELS = (1.0, 3.0, 10.0, 100.0)
@@ -181,10 +178,11 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
     """
     spacings = (trust.spacing[0], *trust.spacing[0].others()) if trust.any else (trust.spacing[0],)
     tried = [(spacing, False) for spacing in spacings] + [(spacings[0], True)]
+    used = [terms is not None for terms in trust.terms]
     ratio = np.zeros((len(tried), len(plays), 4))  # log of the error over that of the model without such rows
     for k, play in enumerate(plays):
         base = _square(play.model - play.left.currents)
-        beside = anchored(play.rest, play.left, grid, np.random.default_rng(0))
+        beside = anchored(play.rest, play.left, train, grid, np.random.default_rng(0))
         for c, (spacing, more) in enumerate(tried):
             if more and not len(beside):
                 ratio[c, k] = ratio[0, k] if trust.any else 0.0
@@ -194,7 +192,6 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
                 known = Samples.concat([known, beside])
                 weights = np.vstack([weights, np.full((len(beside), 4), generated)])
             else:  # nothing is learned for axes without rows of the path
-                used = [terms is not None for terms in trust.terms]
                 known = replace(known, currents=np.where(used, known.currents, np.nan))
             rows = _of_play(play, trust, spacing, grid, train(known, weights)(play.left) if more else play.model)
             if len(rows) or more:

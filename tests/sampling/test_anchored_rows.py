@@ -12,8 +12,13 @@ from pido.sampling.trust import learn
 from tests.sampling.test_sampling import MILL, milling
 
 
+def as_before(samples, weights):
+    """A model that learns nothing."""
+    return lambda rows: np.zeros((len(rows), 4))
+
+
 def rows_of(real, seed=0):
-    return anchored(real, real, SAMPLING_GRID, np.random.default_rng(seed))
+    return anchored(real, real, as_before, SAMPLING_GRID, np.random.default_rng(seed))
 
 
 def test_a_row_is_for_one_axis_and_lies_between_its_anchor_and_a_neighbour():
@@ -51,15 +56,29 @@ def test_rare_currents_are_anchors_more_often_and_the_order_of_parts_does_not_ma
     assert (spindle > 25).mean() > 5 * 6 / 600
 
 
-def test_a_part_that_leaves_what_was_recorded_gets_none():
+def test_an_axis_whose_model_carries_them_to_where_nothing_was_recorded_gets_none():
     real, path = milling(600, 1), milling(300, 2)
-    assert len(anchored(real, path, SAMPLING_GRID, np.random.default_rng(0)))
-    fast, steady = path.inputs.copy(), real.inputs.copy()
-    fast[:100, :2] *= 20
-    steady[:, 6] = 18_000.0  # the spindle never changed its speed
-    other = replace(path, inputs=fast)
-    assert not len(anchored(real, other, SAMPLING_GRID, np.random.default_rng(0)))
-    assert not len(anchored(replace(real, inputs=steady), path, SAMPLING_GRID, np.random.default_rng(0)))
+
+    def moved(samples, weights):
+        by = real.currents.std(axis=0) * [0.4, 0.6, 0.0, 2.0] if len(samples) > len(real) else np.zeros(4)
+        return lambda rows: np.tile(by, (len(rows), 1))
+
+    made = anchored(real, path, moved, SAMPLING_GRID, np.random.default_rng(0))
+    assert np.isfinite(made.currents).any(axis=0).tolist() == [True, False, True, False]
+
+
+def test_of_many_rows_an_even_share_is_asked_whether_models_stay_steady():
+    asked = []
+
+    def count(samples, weights):
+        asked.append(len(samples))
+        return as_before(samples, weights)
+
+    real = milling(10_000)
+    assert len(anchored(real, real, count, SAMPLING_GRID, np.random.default_rng(0))) > 10_000
+    assert len(asked) == 2
+    assert asked[0] < 5_000
+    assert asked[0] < asked[1] < 5_000 * (1 + 4 * PER_ROW)
 
 
 def run_ups(n: int, seed: int = 0) -> Samples:
