@@ -88,6 +88,8 @@ def candidates(
     """Every shape of every mechanism that these data can show; what the simulation contains is named as such."""
     terms, rejected = [], []
     for mechanism in mechanisms:
+        if mismatch.axis not in mechanism.axes:
+            continue
         reason = mechanism.applies(mismatch.states)
         if reason is not None:
             rejected.append(Rejected(mismatch.axis, mechanism.id, reason))

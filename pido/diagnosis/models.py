@@ -36,6 +36,7 @@ _GIVEN_BY = {
     "ar": "mrr_sim and the speeds of x, y and z",
     "engaged": "mrr_sim",
     "edge_length": "a_p of the operations in part.json",
+    "tool_radius": "diameter_mm of the tools in part.json",
     "coolant": "coolant",
     "tool_mass": "mass_kg of the tools in part.json",
     "cut_volume": "mrr_sim",

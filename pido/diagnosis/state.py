@@ -51,7 +51,7 @@ class AxisState:
     force, force_perp : N, process force along the axis and across it; forces : N, along every axis that has one
     m_sp : N·m; mrr : mm³/s; ar : mm²
     engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it
-    teeth_in_cut : mean number of teeth that are in the material at once
+    teeth_in_cut : mean number of teeth that are in the material at once; tool_radius : mm
     cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
     clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
     places : machine position of each linear axis, mm
@@ -83,6 +83,7 @@ class AxisState:
     engaged: Bool1D | None = None
     edge_length: Float1D | None = None
     teeth_in_cut: Float1D | None = None
+    tool_radius: Float1D | None = None
     coolant: Float1D | None = None
     tool_id: Array1D | None = None
     tool_mass: Float1D | None = None
@@ -189,6 +190,7 @@ def _state(
         engaged=engaged,
         edge_length=depth,
         teeth_in_cut=_teeth_in_cut(recording, tool, ar, depth),
+        tool_radius=_tool_radius(recording, tool),
         coolant=c if (c := _numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
         tool_id=tool,
         tool_mass=_tool_mass(recording, tool),
@@ -295,20 +297,25 @@ def _teeth_in_cut(
 
     a_e is what the material removed in each sample says, or else the operation. Without a tool's number of teeth, one.
     """
-    width = _operation(recording, "a_e")
+    width, radius = _operation(recording, "a_e"), _tool_radius(recording, tool)
     if ar is not None and depth is not None:
         width = np.where(depth > 0, ar / np.where(depth > 0, depth, 1.0), np.nan if width is None else width)
-    about = {k: (t.diameter_mm, t.teeth or 1) for k, t in recording.part.tools.items() if t.diameter_mm is not None}
-    if width is None or tool is None or not about:
+    if width is None or tool is None or radius is None:
         return None
-    out = np.full(len(tool), np.nan)
-    for key in dict.fromkeys(tool):
-        known = about.get(str(key))
-        if known is not None:
-            diameter, teeth = known
-            cosine = 1.0 - 2.0 * np.clip(width[tool == key] / diameter, 0.0, 1.0)
-            out[tool == key] = teeth * np.arccos(cosine) / (2.0 * np.pi)
-    return out
+    teeth = _of_tool({k: t.teeth or 1 for k, t in recording.part.tools.items()}, tool)
+    return teeth * np.arccos(1.0 - np.clip(width / radius, 0.0, 2.0)) / (2.0 * np.pi)
+
+
+def _tool_radius(recording: Recording, tool: Array1D | None) -> Float1D | None:
+    """(n,), mm; NaN where the tool or its diameter is not known; None where none is."""
+    known = {k: t.diameter_mm / 2 for k, t in recording.part.tools.items() if t.diameter_mm is not None}
+    return None if tool is None or not known else _of_tool(known, tool)
+
+
+def _of_tool(values: Mapping[str, float], tool: Array1D) -> Float1D:
+    """(n,): what each sample's tool has; NaN for a tool without."""
+    keys, which = np.unique(tool.astype(str), return_inverse=True)
+    return np.array([values.get(str(key), np.nan) for key in keys])[which]
 
 
 def _tool(recording: Recording) -> Array1D | None:

@@ -7,9 +7,10 @@ the recorded one with a twentieth of each input's spread added. Rare currents ar
 Torgo, Ribeiro, PMLR 74, 2017): a run-up of the spindle is a few rows, and a forest with several rows to a leaf draws it
 to its surroundings; with rows around it, it does not.
 
-Such rows say nothing that was not recorded. Where a model's answers on the coming path change by more than half the
-spread of the recorded currents all the same, it carries them to where nothing was recorded, and that axis gets none: on
-virtual mills a run-up of the spindle, carried so, was up to ten times the error.
+Where the coming part goes where rows were recorded, every axis gets them. Where it leaves them, such rows say nothing new:
+if a model's answers on the path change by more than half the spread of the recorded currents all the same, it carries them
+to where nothing was recorded, and that axis gets none. On virtual mills a run-up of the spindle, carried so, was up to
+ten times the error.
 
 What an equation says of the way between two rows so near adds nothing that could be measured on four machines; far from
 both, where a term is large, it does harm. Equations speak where nothing was recorded (`pido.sampling.trust`).
@@ -34,13 +35,15 @@ _NEIGHBOURS = 5
 _SHAKE = 0.05  # of each column's spread
 _RAREST = 0.1  # of the commonest current's density; what is rarer still is no likelier to be an anchor
 _POOL = 20_000  # rows among which neighbours are looked for
+_FAR = 3.0  # times the distance within which recorded rows have their neighbours
+_MOST_FAR = 0.1  # of a path's rows
 _STEADY = 0.5  # of the spread of recorded currents: what rows that say nothing new may change on a path
-_ASKED = 4_000  # recorded rows, and rows of a path, that this is asked of
+_ASKED = 4_000  # recorded rows, and rows of a path, that either is asked of
 
 
 def anchored(real: Samples, path: Samples, train: Train, grid: Grid, rng: np.random.Generator) -> Samples:
-    """PiA rows around rows of `real`, in whatever order it holds its parts, for every axis that was recorded there and
-    whose model they leave steady on the path.
+    """PiA rows around rows of `real`, in whatever order it holds its parts, for every axis that was recorded there;
+    where the path leaves what was recorded, for those whose models they leave steady on it.
 
     path : the coming part; its currents are not looked at
     A row carries the part and row of its anchor, the bin it lies in, and as expected error what two rows so near differ
@@ -55,8 +58,22 @@ def anchored(real: Samples, path: Samples, train: Train, grid: Grid, rng: np.ran
     if not made or not len(path):
         return real.take(slice(0, 0))
     rows = Samples.concat(made)
+    path = path if len(path) <= _ASKED else path.take(rng.choice(len(path), _ASKED, replace=False))
+    if _within(path, real, scale, rng):
+        return rows
     steady = _steady(real, rows, path, train, rng)
     return rows.take(np.flatnonzero(np.isfinite(rows.currents[:, steady]).any(axis=1)))
+
+
+def _within(path: Samples, real: Samples, scale: Float1D, rng: np.random.Generator) -> bool:
+    """Whether nine tenths of the path are about as near to recorded rows as these are to each other."""
+    some = real.inputs if len(real) <= _POOL else real.inputs[rng.choice(len(real), _POOL, replace=False)]
+    tree, still = KDTree(some / scale), ~np.isfinite(scale)
+    usual = np.quantile(np.asarray(tree.query(some[:_ASKED] / scale, k=_NEIGHBOURS + 1)[0])[:, 1:], 0.95)
+    constant = real.inputs[0, still]
+    far = np.asarray(tree.query(path.inputs / scale)[0]) > _FAR * usual
+    far |= (np.abs(path.inputs[:, still] - constant) > 1e-9 * np.maximum(np.abs(constant), 1.0)).any(axis=1)
+    return bool(far.mean() <= _MOST_FAR)
 
 
 def _steady(real: Samples, made: Samples, path: Samples, train: Train, rng: np.random.Generator) -> Bool1D:
@@ -65,8 +82,7 @@ def _steady(real: Samples, made: Samples, path: Samples, train: Train, rng: np.r
     real = real.take(np.flatnonzero(np.isfinite(real.currents).any(axis=1)))
     share = min(1.0, _ASKED / len(real))
     some, more = real.take(rng.random(len(real)) <= share), made.take(rng.random(len(made)) <= share)
-    asked = path if len(path) <= _ASKED else path.take(rng.choice(len(path), _ASKED, replace=False))
-    without, beside = (train(rows, np.ones((len(rows), 4)))(asked) for rows in (some, Samples.concat([some, more])))
+    without, beside = (train(rows, np.ones((len(rows), 4)))(path) for rows in (some, Samples.concat([some, more])))
     change = np.sqrt(np.mean((beside - without) ** 2, axis=0))
     known = [column[np.isfinite(column)] for column in some.currents.T]
     return change <= _STEADY * np.array([np.std(column) if len(column) else np.nan for column in known])

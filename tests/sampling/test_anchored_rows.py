@@ -56,15 +56,29 @@ def test_rare_currents_are_anchors_more_often_and_the_order_of_parts_does_not_ma
     assert (spindle > 25).mean() > 5 * 6 / 600
 
 
-def test_an_axis_whose_model_carries_them_to_where_nothing_was_recorded_gets_none():
+def leaving(path):
+    """The path with a third of its rows twenty times as fast as anything recorded."""
+    inputs = path.inputs.copy()
+    inputs[: len(path) // 3, :2] *= 20
+    return replace(path, inputs=inputs)
+
+
+def test_where_a_part_leaves_what_was_recorded_only_axes_whose_models_stay_steady_get_any():
     real, path = milling(600, 1), milling(300, 2)
 
     def moved(samples, weights):
         by = real.currents.std(axis=0) * [0.4, 0.6, 0.0, 2.0] if len(samples) > len(real) else np.zeros(4)
         return lambda rows: np.tile(by, (len(rows), 1))
 
-    made = anchored(real, path, moved, SAMPLING_GRID, np.random.default_rng(0))
-    assert np.isfinite(made.currents).any(axis=0).tolist() == [True, False, True, False]
+    def got(real, path):
+        made = anchored(real, path, moved, SAMPLING_GRID, np.random.default_rng(0))
+        return np.isfinite(made.currents).any(axis=0).tolist()
+
+    assert got(real, path) == [True] * 4
+    assert got(real, leaving(path)) == [True, False, True, False]
+    steady = real.inputs.copy()
+    steady[:, 6] = 18_000.0  # the spindle never changed its speed
+    assert got(replace(real, inputs=steady), path) == [True, False, True, False]
 
 
 def test_of_many_rows_an_even_share_is_asked_whether_models_stay_steady():
@@ -75,7 +89,7 @@ def test_of_many_rows_an_even_share_is_asked_whether_models_stay_steady():
         return as_before(samples, weights)
 
     real = milling(10_000)
-    assert len(anchored(real, real, count, SAMPLING_GRID, np.random.default_rng(0))) > 10_000
+    assert len(anchored(real, leaving(real), count, SAMPLING_GRID, np.random.default_rng(0))) > 10_000
     assert len(asked) == 2
     assert asked[0] < 5_000
     assert asked[0] < asked[1] < 5_000 * (1 + 4 * PER_ROW)

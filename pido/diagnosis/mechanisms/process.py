@@ -54,16 +54,20 @@ class CuttingForce(Mechanism):
 class EdgeForce(Mechanism):
     """Ploughing by every engaged millimetre of edge.
 
-    along : 0 constant, 1 sign of the motion, 2 share of the feed, 3 direction of the process force
+    along : 0 constant, 1 sign of the motion, 2 share of the feed, 3 direction of the process force; at the spindle 0
+        constant, 1 sign of its motion, 2 that at the lever of the tool's radius
     length : 0 as often as the tool is engaged, 1 axial depth of cut, 2 that times the mean number of teeth in cut
     """
 
     id = "edge_force"
-    equation = "dI = K_e * b while engaged, along the feed or the process force; b = 1, a_p, or a_p * teeth in cut"
-    amplitudes = (Parameter("K_e", "A/mm or A"),)
+    equation = (
+        "dI = K_e * b while engaged, along the feed or the process force, at the spindle times the tool's radius; "
+        "b = 1, a_p, or a_p * teeth in cut"
+    )
+    amplitudes = (Parameter("K_e", "A, per mm or mm²"),)
     shape = (choice("along", 4), choice("length", 3))
     summary = "{axis} axis, whenever the tool is engaged, however thin the chip"
-    follows_from = ("engaged", "force", "edge_length", "ar")
+    follows_from = ("engaged", "force", "edge_length", "tool_radius", "ar")
 
     def regressors(self, state, *, along, length):
         edge, side = _edge(state, round(length)), _side(state, round(along))
@@ -86,11 +90,14 @@ def _edge(state: AxisState, length: int) -> Float1D | None:
 
 
 def _side(state: AxisState, along: int) -> Float1D | None:
-    """(n,) in -1..1 – share of a force of the cut that acts along this axis."""
+    """(n,) in -1..1 – share of a force of the cut that acts along this axis; or its lever at the spindle, mm."""
     if along == 0:
         return np.ones(len(state.time))
-    if along == 1 or state.axis == "sp":
+    if along == 1:
         return direction(state)
+    if state.axis == "sp":
+        lever = state.tool_radius if along == 2 else None
+        return None if lever is None else np.nan_to_num(lever) * direction(state)
     if along == 2:
         speed = np.sqrt(state.v**2 + sum(o.v**2 for n, o in state.others.items() if n in LINEAR_AXES))
         return np.where(speed > 0, state.v * state.moving / np.maximum(speed, 1e-9), 0.0)
