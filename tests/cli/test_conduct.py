@@ -346,3 +346,8 @@ def test_completion_knows_verbs_and_options():
     completed = ShellComplete(pido, {}, "pido", "_PIDO_COMPLETE")
     assert "diagnose" in {c.value for c in completed.get_completions([], "dia")}
     assert "--pair" in {c.value for c in completed.get_completions(["diagnose"], "--p")}
+
+
+def test_the_package_is_the_command_line_where_its_script_is_not_on_the_path():
+    done = subprocess.run([sys.executable, "-m", "pido", "--version"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout[:5]) == (0, "pido,")

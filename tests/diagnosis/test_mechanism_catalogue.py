@@ -126,3 +126,17 @@ def test_a_shift_in_time_is_measured(lag):
     signal = lambda u: np.sin(u) + np.sin(2.7 * u) + np.tanh(8 * np.sin(0.9 * u))  # noqa: E731
     shifted = made.with_columns(curr_x_sim=signal(t), curr_x=signal(t - lag))
     assert time_shift(shifted, "x")[0] == pytest.approx(lag, abs=0.005)
+
+
+def test_an_edge_turns_the_spindle_with_the_lever_of_its_tool():
+    one = recording()
+    about = one.part.model_dump(mode="json") | {
+        "tools": {"1": {"diameter_mm": 6.0}, "2": {"diameter_mm": 16.0}, "3": {}},
+        "tool_changes": [{"t": 0.0, "tool_id": 1}, {"t": 15.0, "tool_id": 2}, {"t": 25.0, "tool_id": 3}],
+    }
+    state = axis_state(Recording(PartInfo.model_validate(about), one.columns), "sp")
+    edge = next(m for m in CATALOGUE if m.id == "edge_force")
+    torque = edge.regressors(state, along=2.0, length=0.0)[:, 0]
+    at = np.interp([5.0, 12.0, 20.0, 28.0, 35.0], state.time, torque)
+    np.testing.assert_allclose(at, [0.0, 3.0, 8.0, 0.0, 0.0])
+    assert not edge.regressors(axis_state(one, "sp"), along=2.0, length=0.0).any()
