@@ -42,12 +42,11 @@ from pido.diagnosis.select import (
     best_addition,
     drop_useless,
     grid_terms,
-    shortlist_of,
     suggested,
     swap,
 )
 from pido.diagnosis.terms import Term, fit
-from pido.diagnosis.unknown import LEVEL, flexible_rest
+from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
@@ -242,12 +241,7 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     taken = {t.name for t in terms}
     residual = fit(library.mismatch, noise, terms).residual
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
-    # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere.
-    shortlist = [s for s in shortlist_of(library.screen(current), taken)[:8] if s.term.mechanism.kind != "data_fault"]
-    if "unknown" not in taken:
-        # Within a box even a constant is something that no mechanism of the catalogue says.
-        shortlist.append(Score(Term(LEVEL), 0.0, current.bic, np.zeros(1)))
-    confined = best_region(library, current, shortlist)
+    confined = best_region(library, current, taken)
     everywhere = 0.0 if best is None else max(0.0, current.bic - best.bic)
     if confined is not None and (best is None or confined.bic < best.bic - CLEARLY - CONFINED * everywhere):
         best = confined

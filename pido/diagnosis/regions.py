@@ -1,94 +1,167 @@
-"""Effects that act only in a part of the reduced space M = (v_x, v_y, AR): a greedy search for the box.
+"""Effects that act only in a part of the reduced space M = (v_x, v_y, AR): where, and which.
 
-In:  the most promising mechanisms of one step of the selection.
-Out: the same mechanism confined to a box, where that explains clearly more than any mechanism acting everywhere.
+In:  the library of one axis, and what one step of the selection has already.
+Out: a mechanism confined to a box, each limit moved to where it fits best; or None.
+What is strong in a box may be weak everywhere, and what fits best everywhere may be another law, or the same in another
+shape: so every shape of every mechanism is asked in every box of a coarse grid, and the best are fitted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import heapq
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.select import Basis, Library, Score
-from pido.diagnosis.terms import Gate, gate_variable
+from pido.diagnosis.boxes import Float32, Grid, Places, cuts_of, gains_of_each, gains_together, grid_at, places_of
+from pido.diagnosis.select import Basis, Library, Score, refine
+from pido.diagnosis.terms import Gate, Term, gate_variable
+from pido.diagnosis.unknown import LEVEL
 
 VARIABLES = ("v_x", "v_y", "AR")
-_THRESHOLDS = 9  # quantiles that are tried per variable; the best is refined
-_FEW_LIMITS = 3  # of a first box; only the best is given more
-_LEAST_SHARE = 0.02  # of the rows must lie on either side of a limit
 CLEARLY = 15.0  # BIC by which a box must beat the best mechanism that acts everywhere
+_LIMIT_WORTH = CLEARLY / 2  # BIC that each limit must bring
+_SHAPES = 3  # of a mechanism that are scored in their best box
+_NAMES = 6  # mechanisms that are scored
+_FINALISTS = 3  # mechanisms whose limits and shape are moved
+_ROUNDS = 4
+_STEPS = (-6, -4, -2, -1, 0, 1, 2, 4, 6)  # places by which a limit is moved
+_ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
+_CHUNK = 32  # terms looked at at a time
 
 
-def best_region(library: Library, current: Basis, shortlist: Sequence[Score]) -> Score | None:
-    """The best confined version of any mechanism of `shortlist`, or None."""
+def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -> Score | None:
+    """The best confined version of any mechanism that is not `taken`, or None."""
     variables = {v: values for v in VARIABLES if (values := _values(library, v)) is not None}
-    best: Score | None = None
-    for score in shortlist:
-        found = _grow(library, current, score, variables, _FEW_LIMITS)
-        if found is not None and (best is None or found.bic < best.bic):
-            best = found
-    return None if best is None else _grow(library, current, best, variables, 2 * len(variables))
+    if not variables:
+        return None
+    places = {v: places_of(values[library.mismatch.usable]) for v, values in variables.items()}
+    best = _best_on(grid_at(variables, cuts_of(places)), library, current, taken, places)
+    if best is None:
+        return None
+    # Once its limits are known, other laws can be asked within the same.
+    limits = {v: np.unique([_limit(g) for g in best.term.gates if g.variable == v]) for v in variables}
+    same = grid_at(variables, limits)
+    again = _best_on(same, library, current, taken, places)
+    return min((s for s in (best, again) if s is not None), key=_price)
 
 
-def _grow(library: Library, current: Basis, score: Score, variables: dict[str, Float1D], most: int) -> Score | None:
-    """Limits added one by one while each is worth it."""
+def _best_on(
+    grid: Grid, library: Library, current: Basis, taken: Collection[str], places: Mapping[str, Places]
+) -> Score | None:
+    best: dict[str, Score] = {}
+    for term in _promising(library, current, taken, grid):
+        score = library.score(term, current)
+        if score is not None and (term.name not in best or score.bic < best[term.name].bic):
+            best[term.name] = score
+    nearest = heapq.nsmallest(_FINALISTS, best.values(), key=_price)
+    settled = [_settle(library, current, score, places) for score in nearest]
+    return min((s for s in settled if s.term.gates), key=_price, default=None)
+
+
+def _price(score: Score) -> float:
+    """BIC; a law is likelier than a level of its own, and in a small box the two are alike."""
+    return score.bic + CLEARLY * (score.term.name == "unknown")
+
+
+def _promising(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[Term]:
+    """The likeliest mechanisms in a few shapes, each in its best box of a grid."""
+    searched = library.charge(Term(LEVEL, gates=(Gate("AR"),))) - library.charge(Term(LEVEL))
+    limits = grid.limits * (searched + np.log(current.n) + _LIMIT_WORTH)
+    limits[grid.limits == 0] = np.inf
+    ranked: dict[str, list[tuple[float, Term]]] = {}
+    for term, gain in _scan(library, current, taken, grid):
+        worth = -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - limits
+        box = int(np.argmax(worth))
+        value = float(worth[box]) - library.charge(term) - CLEARLY * (term.name == "unknown")
+        ranked.setdefault(term.name, []).append((value, replace(term, gates=grid.gates(box))))
+    names = heapq.nlargest(_NAMES, ranked, key=lambda name: max(v for v, _ in ranked[name]))
+    for name in names:
+        for _, term in heapq.nlargest(_SHAPES, ranked[name], key=lambda r: r[0]):
+            yield term
+
+
+def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:
+    """Terms that may be confined, each with what it takes away in every box."""
+    assert library.noise is not None
+    residual = current.residual32
+    # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
+    # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what
+    # differs between the directions of the axis is friction with a limit of its speed.
+    own = f"v_{library.mismatch.axis}" in grid.cuts
+    open_ = [
+        (term, (i, j))
+        for term, (i, j) in zip(library.terms, library.spans, strict=True)
+        if term.name not in taken
+        and term.mechanism.kind != "data_fault"
+        and not (own and term.mechanism.id == "friction_asymmetry")
+        and np.ptp(library.rows[i:j, library.mismatch.usable], axis=1).any()
+    ]
+    singles = [(t, i) for t, (i, j) in open_ if j == i + 1]
+    for k in range(0, len(singles), _CHUNK):
+        some = singles[k : k + _CHUNK]
+        rows = library.whitened[[i for _, i in some]]
+        signs = np.array([_sign(library, t) for t, _ in some])
+        yield from zip((t for t, _ in some), gains_of_each(grid, rows, residual, signs), strict=True)
+    for term, (i, j) in open_:
+        if j > i + 1:
+            yield term, gains_together(grid, library.whitened[i:j], residual)
+    if "unknown" not in taken:
+        level = library.noise.whiten(np.ones((1, library.mismatch.n), np.float32))
+        yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1))[0]
+
+
+def _sign(library: Library, term: Term) -> float:
+    """Sign that the amplitude must have, 0 where it may have any."""
+    (amplitude,) = term.mechanism.amplitudes
+    one_side = amplitude.low == 0.0 and term.name not in library.any_sign
+    return library.polarity if one_side else 0.0
+
+
+def _settle(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
+    """Limits and shape moved to where they fit best, without the limits that are not worth it."""
     best = score
-    while len(best.term.gates) < most:
-        step = _one_limit(library, current, best, variables)
-        if step is None or step.bic > best.bic - CLEARLY / 2:
+    for _ in range(_ROUNDS):
+        former = best
+        best = refine(library, current, _sharpen(library, current, best, places))
+        best = _fewer_limits(library, current, best)
+        if best.bic > former.bic - 1.0:
             break
-        best = _sharpen(library, current, step, variables)
-    return best if best.term.gates else None
-
-
-def _one_limit(library: Library, current: Basis, score: Score, variables: dict[str, Float1D]) -> Score | None:
-    best = None
-    sides = {(g.variable, bool(np.isfinite(g.low))) for g in score.term.gates}
-    for variable, values in variables.items():
-        for threshold in _grid(values):
-            for gate in (Gate(variable, low=threshold), Gate(variable, high=threshold)):
-                if (variable, bool(np.isfinite(gate.low))) not in sides:
-                    best = _better(best, library, current, score, (*score.term.gates, gate))
     return best
 
 
-def _sharpen(library: Library, current: Basis, score: Score, variables: dict[str, Float1D]) -> Score:
-    """Each limit moved in ever smaller steps."""
+def _fewer_limits(library: Library, current: Basis, score: Score) -> Score:
+    """Without the limits that are not worth it, the least useful first."""
+    best = score
+    while best.term.gates:
+        gates = best.term.gates
+        fewer = [replace(best.term, gates=gates[:k] + gates[k + 1 :]) for k in range(len(gates))]
+        scores = [s for t in fewer if (s := library.score(t, current)) is not None]
+        nearest = min(scores, key=lambda s: s.bic, default=None)
+        if nearest is None or nearest.bic > best.bic + _LIMIT_WORTH:
+            break
+        best = nearest
+    return best
+
+
+def _sharpen(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
+    """Each limit moved to where it fits best near by."""
     best = score
     for k, gate in enumerate(score.term.gates):
-        grid = np.quantile(variables[gate.variable], np.linspace(0.01, 0.99, 99))
-        limit = gate.low if np.isfinite(gate.low) else gate.high
-        here = int(np.argmin(np.abs(grid - limit)))
-        for at in range(max(0, here - 6), min(len(grid), here + 7), 2):
-            moved = replace(gate, low=float(grid[at])) if np.isfinite(gate.low) else replace(gate, high=float(grid[at]))
-            gates = (*score.term.gates[:k], moved, *score.term.gates[k + 1 :])
-            found = _better(best, library, current, score, gates)
-            best = found if found is not None else best
+        limits = places[gate.variable].limits
+        here = int(np.argmin(np.abs(limits - _limit(gate))))
+        for value in limits[[at for by in _STEPS if 0 <= (at := here + by) < len(limits)]]:
+            moved = replace(gate, **{"low" if np.isfinite(gate.low) else "high": float(value)})
+            gates = (*best.term.gates[:k], moved, *best.term.gates[k + 1 :])
+            found = library.score(replace(best.term, gates=gates), current)
+            best = found if found is not None and found.bic < best.bic else best
     return best
 
 
-def _better(
-    best: Score | None, library: Library, current: Basis, score: Score, gates: tuple[Gate, ...]
-) -> Score | None:
-    found = library.score(replace(score.term, gates=gates), current)
-    if found is None or (best is not None and found.bic >= best.bic):
-        return best
-    return found
-
-
-def _grid(values: Float1D) -> list[float]:
-    """Limits worth trying: quantiles, halfway to the next distinct level, so that a constant feed has
-    none inside it.
-    """
-    inner = np.unique(np.quantile(values, np.linspace(_LEAST_SHARE, 1 - _LEAST_SHARE, _THRESHOLDS + 2)))
-    span = float(np.ptp(inner))
-    if span <= 0:
-        return []
-    levels = inner[np.r_[True, np.diff(inner) > 0.02 * span]]
-    return [float(t) for t in (levels[1:] + levels[:-1]) / 2]
+def _limit(gate: Gate) -> float:
+    return gate.low if np.isfinite(gate.low) else gate.high
 
 
 def _values(library: Library, variable: str) -> Float1D | None:

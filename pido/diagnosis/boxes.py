@@ -1,0 +1,157 @@
+"""Every box of a coarse grid over the reduced space, and what a term that acts in that box only would take away.
+
+In:  rows with independent errors, what is left to explain, and the variables that limit a box.
+Out: the best box of each term.
+Sums over the cells of the grid give all boxes at once, as in a scan statistic (Kulldorff 1997). A box is taken to
+commute with the whitening, and to share nothing with what is in the model already: good enough to say which are worth
+a fit of their own.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pido.core.arrays import Float1D, Int1D
+from pido.diagnosis.terms import Gate
+
+_CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
+_SAME_LEVEL = 0.01  # of the range of a variable: nearer values are one level
+_ALONE = 1e-3  # share of a column's power in a box that must be left beside the columns before it
+_THERE = 1e-5  # share of a column's power that lies in a box in which it can be seen at all
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where a variable can be cut in two: halfway from each of its levels to the next, rising.
+
+    gaps : how far these two are apart; below : share of the rows that lie below
+    """
+
+    limits: Float1D
+    gaps: Float1D
+    below: Float1D
+
+
+def places_of(values: Float1D) -> Places:
+    """Percents of the rows that differ are levels: a constant feed is one, and is not cut."""
+    percents = np.quantile(values, np.linspace(0.01, 0.99, 99))
+    least = _SAME_LEVEL * float(np.ptp(percents))
+    levels = percents[:1].tolist()
+    for value in percents[1:]:
+        if value - levels[-1] > least:
+            levels.append(value)
+    limits = (np.array(levels[1:]) + levels[:-1]) / 2
+    return Places(limits, np.diff(levels), np.searchsorted(np.sort(values), limits) / len(values))
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Cells over some variables.
+
+    cuts : variable -> limits between its classes, rising
+    order : (n,) – rows, cell by cell; first : first of each cell in that order; cells : which cells these are
+    """
+
+    cuts: Mapping[str, Float1D]
+    order: Int1D
+    first: Int1D
+    cells: Int1D
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(len(c) + 1 for c in self.cuts.values())
+
+    @cached_property
+    def spans(self) -> list[list[tuple[int, int]]]:
+        """Per variable: first and last class of each interval."""
+        return [list(itertools.combinations_with_replacement(range(k), 2)) for k in self.shape]
+
+    @cached_property
+    def limits(self) -> Float32:
+        """(boxes,) – how many limits each box has; the one that is all of the space has none."""
+        counts = [[(i > 0) + (j < k - 1) for i, j in s] for k, s in zip(self.shape, self.spans, strict=True)]
+        return np.asarray(sum(np.ix_(*counts)), np.float32).ravel()
+
+    def sums(self, values: Float32) -> Float32:
+        """(k, n) -> (k, boxes): sums over the rows of each box."""
+        cells = np.zeros((len(values), int(np.prod(self.shape))), np.float32)
+        cells[:, self.cells] = np.add.reduceat(values[:, self.order], self.first, axis=1)
+        out = cells.reshape(-1, *self.shape)
+        for size, spans in zip(self.shape, self.spans, strict=True):
+            inside = np.array([(np.arange(size) >= i) & (np.arange(size) <= j) for i, j in spans], np.float32)
+            out = np.tensordot(out, inside, axes=(1, 1))
+        return out.reshape(len(values), -1)
+
+    def gates(self, box: int) -> tuple[Gate, ...]:
+        """The limits of a box, one gate each."""
+        at = np.unravel_index(box, tuple(len(s) for s in self.spans))
+        out = []
+        for (variable, cuts), spans, k in zip(self.cuts.items(), self.spans, at, strict=True):
+            first, last = spans[k]
+            if first > 0:
+                out.append(Gate(variable, low=float(cuts[first - 1])))
+            if last < len(cuts):
+                out.append(Gate(variable, high=float(cuts[last])))
+        return tuple(out)
+
+
+def cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
+    """Where a coarse grid is cut: of the places in each range of the rows, the widest gap."""
+    out = {}
+    for name, at in places.items():
+        group = np.arange(len(at.limits)) if len(at.limits) <= len(_CUTS) else np.searchsorted(_CUTS, at.below)
+        widest = [max(np.flatnonzero(group == g), key=lambda i: at.gaps[i]) for g in np.unique(group)]
+        out[name] = at.limits[widest]
+    return out
+
+
+def grid_at(variables: Mapping[str, Float1D], cuts: Mapping[str, Float1D]) -> Grid:
+    """The grid over `variables`, (n,) each, with classes between `cuts`."""
+    cell = np.zeros(len(next(iter(variables.values()))), int)
+    for name, limits in cuts.items():
+        cell = cell * (len(limits) + 1) + np.searchsorted(limits, variables[name], side="right")
+    order = np.argsort(cell, kind="stable")
+    first = np.flatnonzero(np.r_[True, np.diff(cell[order]) > 0])
+    return Grid(cuts, order, first, cell[order][first])
+
+
+def gains_of_each(grid: Grid, rows: Float32, residual: Float32, sign: Float1D) -> Float32:
+    """(k, boxes) – what each row by itself would take away in each box; nothing with an amplitude of the wrong sign.
+
+    rows : (k, n) and residual : (n,), whitened; sign : (k,) – of the amplitude, 0 where it may have any
+    """
+    rows = _of_unit_length(rows)
+    inner, own = grid.sums(rows * residual), grid.sums(rows**2)
+    right = inner * np.asarray(sign, np.float32)[:, None] >= 0
+    return np.divide(inner**2, own, out=np.zeros_like(own), where=right & (own > _THERE))
+
+
+def gains_together(grid: Grid, rows: Float32, residual: Float32) -> Float32:
+    """(boxes,) – what all `rows` (k, n), whitened, would take away together in each box."""
+    rows, k = _of_unit_length(rows), len(rows)
+    inner = grid.sums(rows * residual)
+    gram = {(i, j): grid.sums((rows[i] * rows[j])[None])[0] for i in range(k) for j in range(i, k)}
+    least = [np.maximum(_THERE, _ALONE * gram[i, i]) for i in range(k)]
+    gain = np.zeros(inner.shape[1], np.float32)
+    for i in range(k):  # column by column, in all boxes at once
+        inverse = np.divide(1.0, gram[i, i], out=np.zeros_like(gain), where=gram[i, i] > least[i])
+        gain += inner[i] ** 2 * inverse
+        for j in range(i + 1, k):
+            share = gram[i, j] * inverse
+            inner[j] -= share * inner[i]
+            for m in range(j, k):
+                gram[j, m] -= share * gram[i, m]
+    return gain
+
+
+def _of_unit_length(rows: Float32) -> Float32:
+    length = np.sqrt(np.einsum("ij,ij->i", rows, rows))
+    return (rows / np.where(length > 0, length, 1.0)[:, None]).astype(np.float32, copy=False)

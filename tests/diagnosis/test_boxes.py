@@ -1,0 +1,66 @@
+"""Sums over every box of a grid, against the rows themselves."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pido.diagnosis.boxes import cuts_of, gains_of_each, gains_together, grid_at, places_of
+
+
+def variables(rng, n=400):
+    """A feed in levels, a speed, and a removed area that is mostly none."""
+    return {
+        "v_x": rng.choice([-6.0, 0.0, 0.0, 3.0, 12.0], n),
+        "v_y": rng.normal(size=n),
+        "AR": np.maximum(0.0, rng.normal(size=n)),
+    }
+
+
+def rows_of(box, grid, known):
+    inside = np.ones(len(known["v_x"]), bool)
+    for gate in grid.gates(box):
+        inside &= (known[gate.variable] >= gate.low) & (known[gate.variable] < gate.high)
+    return inside
+
+
+@given(seed=st.integers(0, 2**32 - 1), share=st.floats(0, 1, exclude_max=True))
+def test_the_sum_over_a_box_is_that_of_the_rows_within_its_limits(seed, share):
+    rng = np.random.default_rng(seed)
+    known = variables(rng)
+    grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}))
+    values = rng.normal(size=(2, 400)).astype(np.float32)
+    box = int(share * len(grid.limits))
+    inside = rows_of(box, grid, known)
+    np.testing.assert_allclose(grid.sums(values)[:, box], values[:, inside].sum(axis=1), atol=1e-3)
+    assert grid.limits[box] == len(grid.gates(box))
+
+
+@pytest.mark.parametrize("columns", [1, 3])
+def test_what_a_term_takes_away_in_a_box_is_the_least_squares_fit_of_the_rows_there(columns):
+    rng = np.random.default_rng(columns)
+    known = variables(rng)
+    grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}))
+    X, y = rng.normal(size=(columns, 400)).astype(np.float32), rng.normal(size=400).astype(np.float32)
+    gain = gains_of_each(grid, X, y, np.zeros(1))[0] if columns == 1 else gains_together(grid, X, y)
+    for box in rng.choice(len(gain), 50):
+        inside = rows_of(box, grid, known)
+        if inside.sum() > 2 * columns:
+            beta, *_ = np.linalg.lstsq(X[:, inside].T, y[inside], rcond=None)
+            assert gain[box] == pytest.approx(np.sum((beta @ X[:, inside]) ** 2), rel=1e-2, abs=1e-3)
+
+
+def test_an_amplitude_of_the_wrong_sign_takes_nothing_away():
+    rng = np.random.default_rng(0)
+    known = variables(rng)
+    grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}))
+    x = np.abs(rng.normal(size=(1, 400))).astype(np.float32)
+    assert gains_of_each(grid, x, -x[0], np.array([1])).max() == 0
+    assert gains_of_each(grid, x, -x[0], np.array([-1])).min() >= 0
+
+
+def test_no_limit_lies_within_a_level():
+    levels = np.repeat([0.0, 4.0, 9.0], 100)
+    cuts = cuts_of({"v_x": places_of(levels)})["v_x"]
+    assert set(np.searchsorted([0.0, 4.0, 9.0], cuts)) <= {1, 2}
+    assert not np.isin(cuts, levels).any()

@@ -1,0 +1,112 @@
+"""Textbook effects that act in a box of (v_x, v_y, AR) only, in the current of a small machine of this test's own.
+
+The axes hold their feeds for seconds, as in milling, and the noise remembers: a box is met at few times, for long.
+"""
+
+import numpy as np
+import pytest
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.search import first_look, search
+from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import inside
+
+NOISE = 0.05
+FEEDS = (-25.0, -12.0, -6.0, 0.0, 0.0, 6.0, 12.0, 25.0)
+
+
+def feeds(rng, n, rate):
+    """Levels held for a second or three, with ramps of a fifth of a second between them; a stop is a stop."""
+    v = np.concatenate([np.full(int(rng.uniform(1, 3) * rate), rng.choice(FEEDS)) for _ in range(n)])[:n]
+    width = int(0.2 * rate) | 1
+    v = np.convolve(v, np.ones(width) / width, "same")
+    return np.where(np.abs(v) < 1e-9, 0.0, v)
+
+
+def remembering(rng, n, phi):
+    e = rng.normal(0, NOISE * np.sqrt(1 - phi**2), n)
+    for i in range(1, n):
+        e[i] += phi * e[i - 1]
+    return e
+
+
+def recordings(seed, rate, seconds=60.0, count=4):
+    """x and y mill at feeds of their own; the simulation of x has friction and the process force."""
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        n = int(seconds * rate)
+        t = np.arange(n) / rate
+        cuts = np.repeat(rng.random(n) < 0.6, int(4 * rate))[:n]
+        depth = np.repeat(rng.uniform(0.2, 1.0, n), int(2 * rate))[:n] * cuts
+        columns = {"time": t}
+        for axis in "xy":
+            v = feeds(rng, n, rate)
+            columns |= {f"v_{axis}": v, f"pos_{axis}": np.cumsum(v) / rate, f"a_{axis}": np.gradient(v, t)}
+            columns[f"f_{axis}_sim"] = -300.0 * depth * np.sign(v)
+        v_x, v_y = columns["v_x"], columns["v_y"]
+        columns["mrr_sim"] = 40.0 * depth * np.hypot(v_x, v_y)
+        columns["curr_x_sim"] = 0.4 * np.sign(v_x) + 0.002 * columns["f_x_sim"]
+        yield Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1, start_time_s=100.0 * k), columns)
+
+
+def answer_of(effect, seed, rate, phi):
+    """effect : state -> (n,), A. What the search says of it, and the mismatch."""
+    rng = np.random.default_rng(seed)
+    states = axis_states(list(recordings(seed, rate)), "x")
+    targets = [effect(s) + remembering(rng, len(s.time), phi) for s in states]
+    mismatch = lay_out(states, targets)
+    return search(first_look(mismatch, rng), 1, False, rng), mismatch
+
+
+def other(state):
+    return state.others["y"].v
+
+
+def late(effect):
+    """As a current shows it that follows its command over four samples."""
+    k = np.exp(-np.arange(12) / 4)
+    return np.convolve(effect, k / k.sum())[: len(effect)]
+
+
+def overlap(term, box, law, mismatch):
+    """Rows in which an effect is said to be and is, of those in which it is either."""
+    truly = np.concatenate([box(s) & (law(s) != 0) for s in mismatch.states])
+    said = np.concatenate([inside(s, term.gates) & (law(s) != 0) for s in mismatch.states])
+    return np.sum(truly & said) / np.sum(truly | said)
+
+
+EFFECTS = {
+    "viscous_friction": (lambda s: 0.006 * s.v, lambda s: other(s) > 4.0),
+    "coulomb_friction": (lambda s: 0.08 * np.sign(s.v), lambda s: (other(s) > 4.0) & (s.v < 9.0)),
+    "axis_coupling": (lambda s: -0.006 * other(s), lambda s: (s.v > 4.0) & (other(s) < -4.0)),
+    "cutting_force": (lambda s: 0.0005 * s.force, lambda s: (s.v < -4.0) & (other(s) < 4.0)),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_in_a_box_is_named_and_placed_there(name):
+    law, box = EFFECTS[name]
+    answer, mismatch = answer_of(lambda s: law(s) * box(s), 1, 25.0, 0.5)
+    (term,) = answer.terms
+    assert term.mechanism.id == name
+    assert overlap(term, box, law, mismatch) > 0.8
+
+
+RARE = {
+    "cutting_force": (lambda s: 0.0006 * s.force, lambda s: (s.v < -8.0) & (other(s) > 8.0)),
+    "viscous_friction": (lambda s: 0.0056 * s.v, lambda s: (s.v > 8.0) & (other(s) > 8.0)),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "phi"),
+    [("cutting_force", 2, 0.9), ("viscous_friction", 1, 0.9)],
+)
+def test_a_box_that_is_met_in_a_thirtieth_of_the_time_is_found_in_noise_that_remembers(name, seed, phi):
+    law, box = RARE[name]
+    answer, mismatch = answer_of(lambda s: late(law(s) * box(s)), seed, 50.0, phi)
+    (term,) = answer.terms
+    assert term.mechanism.id == name
+    assert overlap(term, box, law, mismatch) > 0.6
