@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
-from pido.diagnosis.confirm import SIGNIFICANT, cross_residual, even, less_error, paired_p
+from pido.diagnosis.confirm import SIGNIFICANT, Whitened, cross_residual, even, less_error, p_value, paired_p
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library
 from pido.diagnosis.terms import Term, fit, solve
@@ -37,6 +37,7 @@ _TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: wit
 _SMALL = 0.12  # the same share for a finding that is small in its own right
 _FEW_LASTING = 20  # rows
 _NEARLY_ALL = 0.7
+_UNSEEN = 0.05  # p value of a gain on unseen folds, after all other tests
 _LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
 _SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
@@ -73,13 +74,28 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
             before, after = (cross_residual(mismatch, noise, t, fold) for t in (others, terms))
         else:
             before, after = cross_residual(mismatch, noise, others), every
-        gain = noise.whiten(before[None])[0] ** 2 - noise.whiten(after[None])[0] ** 2
-        if gain.sum() <= 0 or paired_p(gain, mismatch, mismatch.usable) > 0.05:
+        if not _holds_unseen(mismatch, noise, before, after, acts, few=len(terms) == 1 and bool(term.gates)):
             return i, "no gain on parts that were not fitted"
     i = _mends_at_stops(mismatch, noise, terms)
     if i is not None:
         return i, "it hardly adds to what the others around stops and reversals remove: it mends their form"
     return _mends_form(mismatch, noise, terms, effects)
+
+
+def _holds_unseen(mismatch: Mismatch, noise: Noise, before: Float1D, after: Float1D, acts: Bool1D, few: bool) -> bool:
+    """Whether what other folds say of a term is there in each, (n,) in A `before` and `after` it is taken out.
+
+    few : it may act in a few blocks only, and differ between them; then all blocks say how far their sums scatter
+    """
+    b, a = noise.whiten(np.array([before, after]))
+    gain = b**2 - a**2
+    if gain.sum() <= 0:
+        return False
+    # Blocks in which it never acts say nothing for it or against it.
+    met = np.bincount(mismatch.block, acts)[mismatch.block] > 0
+    if paired_p(gain, mismatch, mismatch.usable & met) <= _UNSEEN:
+        return True
+    return few and p_value(Whitened((b - a)[None], b, (slice(0, 1),)), 0, mismatch.block, pooled=True) <= _UNSEEN
 
 
 def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> int | None:

@@ -8,10 +8,14 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.search import first_look, search
+from pido.diagnosis.select import Library
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import inside
+from pido.diagnosis.terms import Gate, Term, inside
+from pido.diagnosis.whiten import Noise
 
 NOISE = 0.05
 FEEDS = (-25.0, -12.0, -6.0, 0.0, 0.0, 6.0, 12.0, 25.0)
@@ -110,3 +114,18 @@ def test_a_box_that_is_met_in_a_thirtieth_of_the_time_is_found_in_noise_that_rem
     (term,) = answer.terms
     assert term.mechanism.id == name
     assert overlap(term, box, law, mismatch) > 0.6
+
+
+@pytest.mark.parametrize(("size", "holds"), [(1.0, True), (0.0, False)])
+def test_what_few_blocks_show_in_sizes_of_their_own_holds_on_unseen_parts(size, holds):
+    law, box = EFFECTS["cutting_force"][0], RARE["cutting_force"][1]
+    rng = np.random.default_rng(3)
+    states = axis_states(list(recordings(3, 50.0)), "x")
+    louder = [size * 0.48 * law(s) * box(s) * (1 + 3 * (s.time > 40)) for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in louder])
+    force = next(m for m in CATALOGUE if m.id == "cutting_force")
+    library = Library(mismatch, [Term(force)])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    library.whiten(noise)
+    _, reason = useless(library, noise, [Term(force, gates=(Gate("v_x", high=-8.0), Gate("v_y", low=8.0)))])
+    assert (reason is None) == holds
