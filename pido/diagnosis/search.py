@@ -91,7 +91,7 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     terms = by_error(library, terms, questions)
     if terms != former:
         noise = noise_of(mismatch, noise, terms)
-    terms, noise = seen_slowly(library, noise, terms)
+    terms, noise = seen_slowly(library, noise, terms, questions)
     library.whiten(noise)
     former = terms
     terms, note = with_unknown(library, noise, terms, int(rng.integers(2**31)))

@@ -106,7 +106,7 @@ RARE = {
 
 @pytest.mark.parametrize(
     ("name", "seed", "phi"),
-    [("cutting_force", 2, 0.9), ("viscous_friction", 1, 0.9)],
+    [("cutting_force", 2, 0.9), ("cutting_force", 3, 0.95), ("viscous_friction", 1, 0.9)],
 )
 def test_a_box_that_is_met_in_a_thirtieth_of_the_time_is_found_in_noise_that_remembers(name, seed, phi):
     law, box = RARE[name]
