@@ -28,6 +28,7 @@ _NAMES = 6  # mechanisms that are scored
 _FINALISTS = 3  # mechanisms whose limits and shape are moved
 _ROUNDS = 4
 _STEPS = (-6, -4, -2, -1, 0, 1, 2, 4, 6)  # places by which a limit is moved
+_REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where, not to how fast
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
 _CHUNK = 32  # terms looked at at a time
 
@@ -90,13 +91,13 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
     # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what
     # differs between the directions of the axis is friction with a limit of its speed.
-    own = f"v_{library.mismatch.axis}" in grid.cuts
+    never = _REGIONS | ({"friction_asymmetry"} if f"v_{library.mismatch.axis}" in grid.cuts else set())
     open_ = [
         (term, (i, j))
         for term, (i, j) in zip(library.terms, library.spans, strict=True)
         if term.name not in taken
         and term.mechanism.kind != "data_fault"
-        and not (own and term.mechanism.id == "friction_asymmetry")
+        and term.mechanism.id not in never
         and np.ptp(library.rows[i:j, library.mismatch.usable], axis=1).any()
     ]
     singles = [(t, i) for t, (i, j) in open_ if j == i + 1]

@@ -79,6 +79,16 @@ def test_an_effect_that_acts_everywhere_is_not_confined():
     assert found is None or found.bic > min(s.bic for s in library.screen(current)) - CLEARLY
 
 
+def test_a_place_is_a_region_by_itself_and_is_not_confined_again():
+    class Zone(type(VISCOUS)):
+        id = "material_hard_zone"
+
+    mismatch, noise = laid_out(lambda s: 0.05 * s.v * (s.others["y"].v > 4.0))
+    library = library_of(mismatch, noise, Term(Zone()))
+    found = best_region(library, basis(library, noise, []))
+    assert found is None or found.term.name == "unknown"
+
+
 def test_what_is_more_of_a_simulated_mechanism_in_a_box_only_is_no_wrong_coefficient():
     def simulated(recording):
         return recording.with_columns(curr_x_sim=0.03 * recording["v_x"] + 0.3 * np.sign(recording["v_x"]))
