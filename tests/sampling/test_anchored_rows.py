@@ -67,7 +67,7 @@ def test_where_a_part_leaves_what_was_recorded_only_axes_whose_models_stay_stead
     real, path = milling(600, 1), milling(300, 2)
 
     def moved(samples, weights):
-        by = real.currents.std(axis=0) * [0.4, 0.6, 0.0, 2.0] if len(samples) > len(real) else np.zeros(4)
+        by = real.currents.std(axis=0) * [0.2, 0.3, 0.0, 2.0] if len(samples) > len(real) else np.zeros(4)
         return lambda rows: np.tile(by, (len(rows), 1))
 
     def got(real, path):
