@@ -27,7 +27,8 @@ def units(mechanism: Mechanism, shape: Mapping[str, float], axis: str) -> dict[s
         case "axis_coupling":
             return {"k": ("A/(mm/s²)", "A/(mm/s)", "A")[choice["source"] % 3]}
         case "edge_force":
-            return {"K_e": ("A", "A/mm", "A/mm")[choice["length"]]}
+            lever = axis == "sp" and choice["along"] == 2
+            return {"K_e": ("A", "A/mm", "A/mm²")[(choice["length"] > 0) + lever]}
         case "tool_wear":
             used = ("cm³", "min")[choice["by"]]
             per = (force, "", "", "N·m")[choice["of"]]

@@ -8,6 +8,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.faults import clipping, input_faults, time_shift
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.state import axis_state, axis_states
+from pido.diagnosis.units import units
 
 HOLDING_FRICTION = {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction"}
 
@@ -140,3 +141,6 @@ def test_an_edge_turns_the_spindle_with_the_lever_of_its_tool():
     at = np.interp([5.0, 12.0, 20.0, 28.0, 35.0], state.time, torque)
     np.testing.assert_allclose(at, [0.0, 3.0, 8.0, 0.0, 0.0])
     assert not edge.regressors(axis_state(one, "sp"), along=2.0, length=0.0).any()
+    form = {"along": 2.0, "length": 1.0}
+    assert units(edge, form, "sp") == {"K_e": "A/mm²"}
+    assert units(edge, form, "x") == {"K_e": "A/mm"}
