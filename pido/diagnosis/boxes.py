@@ -80,13 +80,18 @@ class Grid:
         counts = [[(i > 0) + (j < k - 1) for i, j in s] for k, s in zip(self.shape, self.spans, strict=True)]
         return np.asarray(sum(np.ix_(*counts)), np.float32).ravel()
 
+    @cached_property
+    def _inside(self) -> list[Float32]:
+        """Per variable, (intervals, classes): 1 where a class lies in an interval."""
+        sizes = zip(self.shape, self.spans, strict=True)
+        return [np.array([(np.arange(k) >= i) & (np.arange(k) <= j) for i, j in s], np.float32) for k, s in sizes]
+
     def sums(self, values: Float32) -> Float32:
         """(k, n) -> (k, boxes): sums over the rows of each box."""
         cells = np.zeros((len(values), int(np.prod(self.shape))), np.float32)
         cells[:, self.cells] = np.add.reduceat(values[:, self.order], self.first, axis=1)
         out = cells.reshape(-1, *self.shape)
-        for size, spans in zip(self.shape, self.spans, strict=True):
-            inside = np.array([(np.arange(size) >= i) & (np.arange(size) <= j) for i, j in spans], np.float32)
+        for inside in self._inside:
             out = np.tensordot(out, inside, axes=(1, 1))
         return out.reshape(len(values), -1)
 

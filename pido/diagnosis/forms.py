@@ -101,7 +101,7 @@ def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequen
         return None
     mismatch = library.mismatch
     rest = [t for t in terms if t not in group]
-    none, whole = (plain_error(mismatch, t) ** 2 for t in (rest, terms))
+    none, whole = _left(mismatch, rest, terms)
     current = basis(library, flat, rest)
     found = []
     for score in shortlist_of(library.screen(current), {t.name for t in rest})[:_FEW_RIVALS]:
@@ -123,7 +123,17 @@ def _nearly_all(none: float, left: float, whole: float) -> bool:
 
     Of a strong effect a small share is a lot: what makes a correction clearly worse stands for nothing.
     """
-    return none - left > (1 - MISFIT) * (none - whole) > 0 and whole > (1 - _WORSE) ** 2 * left
+    return _lacks_little(none, left, whole, MISFIT) and whole > (1 - _WORSE) ** 2 * left
+
+
+def _lacks_little(none: float, left: float, whole: float, share: float) -> bool:
+    """Whether what leaves the mean square `left` lacks less than a share of what `whole` takes from `none`."""
+    return none - left > (1 - share) * (none - whole) > 0
+
+
+def _left(mismatch: Mismatch, *models: Sequence[Term]) -> tuple[float, ...]:
+    """Mean square that each of some models leaves on unseen folds, A^2."""
+    return tuple(plain_error(mismatch, terms) ** 2 for terms in models)
 
 
 def _at_standstill(mismatch: Mismatch, term: Term) -> float:
@@ -139,8 +149,7 @@ def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:
         if not term.gates or term.name == "unknown":
             continue
         free = [*terms[:i], replace(term, gates=()), *terms[i + 1 :]]
-        none, everywhere, inside = (plain_error(mismatch, t) ** 2 for t in (terms[:i] + terms[i + 1 :], free, terms))
-        if none - everywhere > (1 - CONFINED) * (none - inside) > 0:
+        if _lacks_little(*_left(mismatch, [*terms[:i], *terms[i + 1 :]], free, terms), share=CONFINED):
             terms = free
     return terms
 
@@ -156,7 +165,7 @@ def _without_places(library: Library, terms: list[Term]) -> list[Term]:
     changing = _without_mean(library, terms[at])
     rest = [t for k, t in enumerate(terms) if k != at]
     trial = [*terms[:at], replace(coulomb, gates=terms[at].gates), *terms[at + 1 :]]
-    none, flat, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, trial, terms))
+    none, flat, whole = _left(library.mismatch, rest, trial, terms)
     if not (1 + VARIES**2) * (none - flat) > none - whole > 0:
         return terms
     return trial if changing is None else [*trial[: at + 1], changing, *trial[at + 1 :]]
@@ -204,8 +213,7 @@ def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
         t.name: t for t in library.terms if t.mechanism.id in _STEADY[along] and t.name not in taken
     }.values():
         trial = [*terms[:at], replace(other, gates=terms[at].gates), *terms[at + 1 :]]
-        none, flat, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, trial, terms))
-        if none - flat > (1 - lacks) * (none - whole) > 0:
+        if _lacks_little(*_left(library.mismatch, rest, trial, terms), share=lacks):
             return trial
     return terms
 
@@ -223,8 +231,7 @@ def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term])
                 return [*terms[:i], turned, *terms[i + 1 :]]  # the same sum, with all of Coulomb's friction in its name
             rest = [*terms[:i], *terms[i + 1 :]]
             held = [*terms[:i], replace(coulomb, shape=(("rest", 2.0),)), *terms[i + 1 :]]
-            none, plain, whole = (plain_error(library.mismatch, t) ** 2 for t in (rest, held, terms))
-            if may_hold and _nearly_all(none, plain, whole):
+            if may_hold and _nearly_all(*_left(library.mismatch, rest, held, terms)):
                 return held
             trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
             if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:
@@ -270,9 +277,8 @@ def _says_more(library: Library, terms: Sequence[Term], i: int, rival: Term) -> 
     if numbers([rival]) <= numbers([terms[i]]):
         return False
     rest = [t for k, t in enumerate(terms) if k != i]
-    none, own, other = (plain_error(library.mismatch, t) ** 2 for t in (rest, terms, [*rest, rival]))
     lacks = MISFIT_PLAIN if terms[i].mechanism.id in _STEADY[0] else MISFIT
-    return none - own > (1 - lacks) * (none - other) > 0
+    return _lacks_little(*_left(library.mismatch, rest, terms, [*rest, rival]), share=lacks)
 
 
 def _holds(rival: Term, term: Term) -> bool:

@@ -89,16 +89,13 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     assert library.noise is not None
     residual = current.residual32
     # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
-    # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what
-    # differs between the directions of the axis is friction with a limit of its speed.
+    # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what differs between
+    # the directions of the axis is friction with a limit of its speed.
     never = _REGIONS | ({"friction_asymmetry"} if f"v_{library.mismatch.axis}" in grid.cuts else set())
     open_ = [
         (term, (i, j))
-        for term, (i, j) in zip(library.terms, library.spans, strict=True)
-        if term.name not in taken
-        and term.mechanism.kind != "data_fault"
-        and term.mechanism.id not in never
-        and np.ptp(library.rows[i:j, library.mismatch.usable], axis=1).any()
+        for term, (i, j), varies in zip(library.terms, library.spans, library.varies, strict=True)
+        if term.name not in taken and term.mechanism.kind != "data_fault" and term.mechanism.id not in never and varies
     ]
     singles = [(t, i) for t, (i, j) in open_ if j == i + 1]
     for k in range(0, len(singles), _CHUNK):

@@ -72,13 +72,18 @@ class Library:
         self.terms: list[Term] = []
         self.everywhere = lru_cache(_REMEMBERED)(lambda term: term.columns(mismatch.states))
         self.inside = lru_cache(_REMEMBERED)(lambda gate: np.concatenate([inside(s, (gate,)) for s in mismatch.states]))
+        self.varies: list[bool] = []  # whether a term takes more than one value
         rows, spans, first = [], [], 0
+        counted = None if mismatch.usable.all() else np.flatnonzero(mismatch.usable)
         for term in terms:
             columns = term.columns(mismatch.states).astype(np.float32)
-            if not np.any(columns[:, mismatch.usable]):
+            seen = columns if counted is None else columns[:, counted]
+            least, most = seen.min(axis=1, initial=np.inf), seen.max(axis=1, initial=-np.inf)
+            if not np.any((least < 0) | (most > 0)):
                 continue
             rows.append(columns)
             self.terms.append(term)
+            self.varies.append(bool(np.any(most > least)))
             spans.append((first, first + len(columns)))
             first += len(columns)
         self.spans = spans

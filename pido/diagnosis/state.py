@@ -9,7 +9,7 @@ simulated, never the recorded current is needed here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from pido.core.arrays import Array1D, Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
 from pido.core.machining import Machine
+from pido.core.part import PartTool
 from pido.core.recording import Recording
 from pido.diagnosis.faults import beyond_load, displaced, faulty
 from pido.physics.friction import held_direction
@@ -153,6 +154,7 @@ def _state(
     tool = _tool(recording)
     volume, in_cut = _wear(recording, tool, mrr, engaged, worn)
     ar, depth = _area_removal(mrr, own, motions, axis), _operation(recording, "a_p")
+    radius = _of_tool(recording, tool, lambda t: None if t.diameter_mm is None else t.diameter_mm / 2)
     piece = info.workpiece
     center = None if piece is None else piece.center_xy_mm
     top = None if piece is None else piece.top_z_mm
@@ -189,11 +191,11 @@ def _state(
         ar=ar,
         engaged=engaged,
         edge_length=depth,
-        teeth_in_cut=_teeth_in_cut(recording, tool, ar, depth),
-        tool_radius=_tool_radius(recording, tool),
+        teeth_in_cut=_teeth_in_cut(recording, tool, radius, ar, depth),
+        tool_radius=radius,
         coolant=c if (c := _numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
         tool_id=tool,
-        tool_mass=_tool_mass(recording, tool),
+        tool_mass=_of_tool(recording, tool, lambda t: t.mass_kg),
         cut_volume=volume,
         cut_time=in_cut,
         clock=clock,
@@ -291,31 +293,29 @@ def _area_removal(mrr: Float1D | None, own: Motion, others: Mapping[str, Motion]
 
 
 def _teeth_in_cut(
-    recording: Recording, tool: Array1D | None, ar: Float1D | None, depth: Float1D | None
+    recording: Recording, tool: Array1D | None, radius: Float1D | None, ar: Float1D | None, depth: Float1D | None
 ) -> Float1D | None:
     """z * phi / (2 pi), engagement angle phi = arccos(1 - 2 a_e / D) (Altintas, Manufacturing Automation, ch. 2).
 
     a_e is what the material removed in each sample says, or else the operation. Without a tool's number of teeth, one.
     """
-    width, radius = _operation(recording, "a_e"), _tool_radius(recording, tool)
+    width, teeth = _operation(recording, "a_e"), _of_tool(recording, tool, lambda t: t.teeth or 1)
     if ar is not None and depth is not None:
         width = np.where(depth > 0, ar / np.where(depth > 0, depth, 1.0), np.nan if width is None else width)
-    if width is None or tool is None or radius is None:
+    if width is None or teeth is None or radius is None:
         return None
-    teeth = _of_tool({k: t.teeth or 1 for k, t in recording.part.tools.items()}, tool)
     return teeth * np.arccos(1.0 - np.clip(width / radius, 0.0, 2.0)) / (2.0 * np.pi)
 
 
-def _tool_radius(recording: Recording, tool: Array1D | None) -> Float1D | None:
-    """(n,), mm; NaN where the tool or its diameter is not known; None where none is."""
-    known = {k: t.diameter_mm / 2 for k, t in recording.part.tools.items() if t.diameter_mm is not None}
-    return None if tool is None or not known else _of_tool(known, tool)
-
-
-def _of_tool(values: Mapping[str, float], tool: Array1D) -> Float1D:
-    """(n,): what each sample's tool has; NaN for a tool without."""
-    keys, which = np.unique(tool.astype(str), return_inverse=True)
-    return np.array([values.get(str(key), np.nan) for key in keys])[which]
+def _of_tool(recording: Recording, tool: Array1D | None, what: Callable[[PartTool], float | None]) -> Float1D | None:
+    """(n,): what each sample's tool has; NaN where that is not known; None where it is of no tool."""
+    known = {k: value for k, t in recording.part.tools.items() if (value := what(t)) is not None}
+    if tool is None or not known:
+        return None
+    out = np.full(len(tool), np.nan)
+    for key in dict.fromkeys(tool):
+        out[tool == key] = known.get(str(key), np.nan)
+    return out
 
 
 def _tool(recording: Recording) -> Array1D | None:
@@ -333,16 +333,6 @@ def _tool(recording: Recording) -> Array1D | None:
 
 def _tool_key(value: object) -> str:
     return str(int(value)) if isinstance(value, (float, np.floating)) and float(value).is_integer() else str(value)
-
-
-def _tool_mass(recording: Recording, tool: Array1D | None) -> Float1D | None:
-    masses = {k: t.mass_kg for k, t in recording.part.tools.items() if t.mass_kg is not None}
-    if tool is None or not masses:
-        return None
-    out = np.full(len(tool), np.nan)
-    for key in dict.fromkeys(tool):
-        out[tool == key] = masses.get(str(key), np.nan)
-    return out
 
 
 def _wear(

@@ -51,25 +51,26 @@ def anchored(real: Samples, path: Samples, train: Train, grid: Grid, rng: np.ran
     """
     real = real.take(np.lexsort((real.row, real.part.astype(str))))
     scale, made = scale_of(real.inputs), []
+    scaled = real.inputs / scale
     for axis in range(4):
         rows = np.flatnonzero(np.isfinite(real.currents[:, axis]))
         if len(rows) > 2 * _NEIGHBOURS:
-            made.append(_around(real, rows, axis, scale, grid, rng))
+            made.append(_around(real, scaled, rows, axis, scale, grid, rng))
     if not made or not len(path):
         return real.take(slice(0, 0))
     rows = Samples.concat(made)
     path = path if len(path) <= _ASKED else path.take(rng.choice(len(path), _ASKED, replace=False))
-    if _within(path, real, scale, rng):
+    if _within(path, real, scaled, scale, rng):
         return rows
     steady = _steady(real, rows, path, train, rng)
     return rows.take(np.flatnonzero(np.isfinite(rows.currents[:, steady]).any(axis=1)))
 
 
-def _within(path: Samples, real: Samples, scale: Float1D, rng: np.random.Generator) -> bool:
+def _within(path: Samples, real: Samples, scaled: Float2D, scale: Float1D, rng: np.random.Generator) -> bool:
     """Whether nine tenths of the path are about as near to recorded rows as these are to each other."""
-    some = real.inputs if len(real) <= _POOL else real.inputs[rng.choice(len(real), _POOL, replace=False)]
-    tree, still = KDTree(some / scale), ~np.isfinite(scale)
-    usual = np.quantile(np.asarray(tree.query(some[:_ASKED] / scale, k=_NEIGHBOURS + 1)[0])[:, 1:], 0.95)
+    some = scaled if len(real) <= _POOL else scaled[rng.choice(len(real), _POOL, replace=False)]
+    tree, still = KDTree(some), ~np.isfinite(scale)
+    usual = np.quantile(np.asarray(tree.query(some[:_ASKED], k=_NEIGHBOURS + 1)[0])[:, 1:], 0.95)
     constant = real.inputs[0, still]
     far = np.asarray(tree.query(path.inputs / scale)[0]) > _FAR * usual
     far |= (np.abs(path.inputs[:, still] - constant) > 1e-9 * np.maximum(np.abs(constant), 1.0)).any(axis=1)
@@ -88,11 +89,13 @@ def _steady(real: Samples, made: Samples, path: Samples, train: Train, rng: np.r
     return change <= _STEADY * np.array([np.std(column) if len(column) else np.nan for column in known])
 
 
-def _around(real: Samples, rows: Int1D, axis: int, scale: Float1D, grid: Grid, rng: np.random.Generator) -> Samples:
+def _around(
+    real: Samples, scaled: Float2D, rows: Int1D, axis: int, scale: Float1D, grid: Grid, rng: np.random.Generator
+) -> Samples:
     n = min(PER_ROW * len(rows), _MOST)
     chance = 1.0 / np.maximum(density(real.currents[rows, axis]), _RAREST)
     a = rows[rng.choice(len(rows), n, p=chance / chance.sum())]
-    b, near = _neighbour(real.inputs / scale, a, rows, rng)
+    b, near = _neighbour(scaled, a, rows, rng)
     s = rng.random(n) * near
     columns = s[:, None]
     shake = _SHAKE * np.where(np.isfinite(scale), scale, 0.0) * rng.normal(size=(n, real.inputs.shape[1]))
