@@ -108,9 +108,8 @@ def held_out(
 
     recorded : (n,), A – the recorded current, whose variance R² is counted in
     """
-    events = any(t.mechanism.id == "external_force" for t in kept if t not in without)
-    # A force over intervals of one part can be proved on other seconds of the same part only.
-    fold = mismatch.block % 5 if events else mismatch.fold
+    own = [t for t in kept if t not in without]
+    events, fold = forces_among(own), fold_of(mismatch, own)
     before, after = (cross_residual(mismatch, noise, t, fold) for t in (without, kept))
     rows = mismatch.usable
     b, a, current = before[rows], after[rows], recorded[rows]
@@ -123,6 +122,17 @@ def held_out(
         r2_after=1 - _rms(a) ** 2 / total,
         p_value=paired_p(before**2 - after**2, mismatch, rows),
     )
+
+
+def forces_among(terms: Sequence[Term]) -> bool:
+    """Whether a force over intervals is among them."""
+    return any(t.mechanism.id == "external_force" for t in terms)
+
+
+def fold_of(mismatch: Mismatch, terms: Sequence[Term]) -> Int1D:
+    """(n,) – what is left out together to prove `terms`: a force over intervals of one part can be proved on other
+    seconds of the same part only."""
+    return mismatch.block % 5 if forces_among(terms) else mismatch.fold
 
 
 def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold: Int1D | None = None) -> Float1D:

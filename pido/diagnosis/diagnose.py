@@ -27,8 +27,8 @@ from pido.diagnosis.baseline import equation_names, equation_rows, supported_ter
 from pido.diagnosis.comparable import comparable_axes, in_order
 from pido.diagnosis.confirm import even, held_out, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
-from pido.diagnosis.estimate import estimate, settle_shapes
-from pido.diagnosis.finding import Diagnosis, Finding, HeldOut, PartSeries, Rejected
+from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
+from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
 from pido.diagnosis.identify import Answer
 from pido.diagnosis.locate import score
 from pido.diagnosis.misfit import acting
@@ -265,8 +265,7 @@ def _settle(
         # The terms lack something that is slow: weights that listen to what is quick would fit them to the wrong part.
         noise, other = other, noise
         terms = settle_shapes(full, noise, terms)
-    terms, proofs = _proved(full, noise, terms, answer, recorded)
-    found = estimate(full, noise, terms, rng, other)
+    terms, proofs, found = proved(full, (noise, other), terms, answer, recorded, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])
     level = robust_sd(found.fit.residual[full.usable])
@@ -298,10 +297,18 @@ def _settle(
     return _Work(model, findings, answer.rejected, answer.notes, series)
 
 
-def _proved(
-    full: Mismatch, noise: Noise, terms: Sequence[Term], answer: Answer, recorded: Float1D
-) -> tuple[list[Term], list[HeldOut]]:
-    """The terms that make the error on unseen folds smaller, in A and not only in units of noise; and the proof."""
+def proved(
+    full: Mismatch,
+    noises: tuple[Noise, Noise],
+    terms: Sequence[Term],
+    answer: Answer,
+    recorded: Float1D,
+    rng: np.random.Generator,
+) -> tuple[list[Term], list[HeldOut], Estimated]:
+    """The terms that make the error on unseen folds smaller, in A and not only in units of noise, and whose size is
+    known to differ from zero; the proof, and what was estimated.
+    """
+    noise, other = noises
     kept = list(terms)
     while True:
         proofs = [held_out(full, noise, kept, without(kept, i), recorded) for i in range(len(kept))]
@@ -311,14 +318,27 @@ def _proved(
         ]
         least = [min(_LESS_ERROR, 1 - _LESS_WHERE * share) for share in shares]
         idle = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
+        reason = "the error on unseen parts is hardly smaller with it"
+        found = None
         if not idle:
+            found = estimate(full, noise, kept, rng, other)
+            idle = [i for i, t in enumerate(kept) if _may_be_nothing(t, found.parameters[i])]
+            reason = "the 95 % interval of its size holds zero"
+        if found is not None and not idle:
             answer.terms = kept
-            return kept, proofs
+            return kept, proofs, found
         i = max(idle, key=lambda k: proofs[k].rmse_after - proofs[k].rmse_before)
-        answer.rejected.append(Rejected(full.axis, kept[i].name, "the error on unseen parts is hardly smaller with it"))
+        answer.rejected.append(Rejected(full.axis, kept[i].name, reason))
         kept = without(kept, i)
         for each in (answer.p_values, answer.q_values, answer.delta_bic, answer.rivals):
             del each[i]
+
+
+def _may_be_nothing(term: Term, parameters: Mapping[str, Estimate]) -> bool:
+    """Whether a law of one size could as well have the other sign. Several sizes are judged together, and a curve
+    without a name by what it removes."""
+    sizes = [p for a in term.mechanism.amplitudes if (p := parameters.get(a.name)) is not None]
+    return term.name != "unknown" and len(sizes) == 1 and sizes[0].ci95[0] < 0.0 < sizes[0].ci95[1]
 
 
 def _replaced(full: Mismatch, alone: Float1D, joint: Float1D) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ removed, and the search repeated while the gain pays for two ends and a level.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -25,6 +25,7 @@ from pido.diagnosis.whiten import Noise, robust_sd
 _BINS = 300  # per part, in which ends of intervals are searched
 _MOST_PER_PART = 4
 _LONGEST_SHARE = 0.6  # of a part: a longer stretch is a level of that part, not an event
+_AS_MODELLED = 1.5  # times what independent rows scatter by
 _FEWEST_LIKE = 8  # stretches in the same state, from which it is seen how much their levels scatter anyway
 
 
@@ -130,25 +131,44 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
 
 def _unlike_others(
     mismatch: Mismatch, noise: Noise, residual: Float1D, found: Sequence[tuple[int, int, int]], times: float
-) -> Iterator[tuple[int, int, int]]:
+) -> list[tuple[int, int, int]]:
     """The intervals (part, first row, end) whose level is so many times what levels scatter by in the same state.
 
     Noise may be slow where an axis stands or the tool is idle, and white elsewhere: one model of it does not see that.
+    Where the rows of no interval scatter as the model says, they are what levels are compared with; elsewhere the
+    clearest interval is judged first, beside all others.
     """
     state = np.concatenate(
         [2 * s.moving + (np.zeros(len(s.time), int) if s.engaged is None else s.engaged) for s in mismatch.states]
     )
-    for p, first, last in found:
-        same = noise.valid.astype(bool) & (state == np.bincount(state[first:last]).argmax())
-        same[first:last] = False
-        like = residual[same]
-        length = min(last - first, len(like) // _FEWEST_LIKE)
-        if length:
-            levels = like[: len(like) // length * length].reshape(-1, length).mean(axis=1)
-            scatter = robust_sd(levels) * np.sqrt(length / (last - first))
-            if abs(residual[first:last].mean()) <= times * scatter:
-                continue
-        yield p, first, last
+    outside = noise.valid.astype(bool)
+    for _, first, last in found:
+        outside[first:last] = False
+    free, left, kept = noise.valid.astype(bool), list(found), []
+    while left:
+        ratios = []
+        for _, first, last in left:
+            same = state == np.bincount(state[first:last]).argmax()
+            same[first:last] = False
+            scatter = _scatter(residual[same & outside], last - first)
+            if scatter > _AS_MODELLED:
+                scatter = _scatter(residual[same & free], last - first)
+            ratios.append(abs(residual[first:last].sum()) / np.sqrt(last - first) / scatter)
+        best = int(np.argmax(ratios))
+        if ratios[best] <= times:
+            break
+        kept.append(left.pop(best))
+        free[kept[-1][1] : kept[-1][2]] = False
+    return sorted(kept)
+
+
+def _scatter(like: Float1D, length: int) -> float:
+    """What sums over so many rows of `like` scatter by, for independent rows 1; 0 where these are few to say."""
+    length = min(length, len(like) // _FEWEST_LIKE)
+    if not length:
+        return 1e-12
+    sums = like[: len(like) // length * length].reshape(-1, length).sum(axis=1) / np.sqrt(length)
+    return robust_sd(sums)
 
 
 def charge(mismatch: Mismatch) -> float:

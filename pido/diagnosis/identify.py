@@ -19,6 +19,8 @@ from pido.diagnosis.confirm import (
     SIGNIFICANT,
     cross_residual,
     even,
+    fold_of,
+    forces_among,
     p_value,
     paired_p,
     plain_error,
@@ -27,7 +29,7 @@ from pido.diagnosis.confirm import (
     whitened,
 )
 from pido.diagnosis.estimate import settle_shapes
-from pido.diagnosis.events import Rhythm, charge, find_events, find_rhythms
+from pido.diagnosis.events import ExternalForce, Rhythm, charge, find_events, find_rhythms
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.misfit import WORTH, useless
@@ -53,6 +55,7 @@ SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existe
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by which one confined to a box must beat it
 MORE_REMOVED = 0.1  # of what the terms remove on unseen folds, that others must remove beyond it to replace them
+_OWN = 0.5  # of the level of an interval that the state does not predict: it is a force by itself
 _CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
 
 
@@ -148,14 +151,13 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), in_
         if best is None or best.bic > current.bic - LEAST_GAIN:
             if not in_time:
                 return terms
-            # Levels over a dozen intervals can stand for any law: they come when the laws have been asked. But laws
-            # that only a few blocks speak for may have been standing for them.
-            kept = _supported(library, noise, terms)
-            best = next_in_time(library, noise, kept)
-            if best is None or best.bic > current.bic - LEAST_GAIN:
+            price, trial = _with_time(library, noise, terms)
+            if price > current.bic - LEAST_GAIN:
                 return terms
-            terms = kept
-        terms = swap(library, noise, [*terms, best.term])
+            terms = trial
+        else:
+            terms = [*terms, best.term]
+        terms = swap(library, noise, terms)
         terms = drop_useless(library, noise, terms)
         names = tuple(sorted(f"{t.name}{t.gates}" for t in terms))
         if names in seen:
@@ -177,17 +179,37 @@ def seen_slowly(library: Library, noise: Noise, terms: Sequence[Term], questions
     if slow is None:
         return list(terms), noise
     found = select_terms(library, slow, in_time=False)
-    plain = even(mismatch)
-    nothing, former, trial = (cross_residual(mismatch, plain, t) ** 2 for t in ((), terms, found))
-    more = float(np.sum((former - trial)[mismatch.usable]))
-    clearly = more > MORE_REMOVED * float(np.sum((nothing - former)[mismatch.usable]))
-    better = bool(found) and more > 0 and numbers(found) < numbers(terms) + clearly
+    # What was proposed beside a strong effect mends its form, and makes the error smaller: only what stands up counts.
+    pairs = ((noise, list(terms)), (slow, found))
+    former, kept = (confirm(library, n, t, Answer(mismatch.axis), questions) for n, t in pairs)
+    plain, fold = even(mismatch), fold_of(mismatch, [*former, *kept])
+    nothing, before, after = (cross_residual(mismatch, plain, t, fold) ** 2 for t in ((), former, kept))
+    more = float(np.sum((before - after)[mismatch.usable]))
+    clearly = more > MORE_REMOVED * float(np.sum((nothing - before)[mismatch.usable]))
+    better = bool(kept) and more > 0 and numbers(kept) < numbers(former) + clearly
     if not better and clearly:
-        better = paired_p(former - trial, mismatch, mismatch.usable) < SIGNIFICANT
-    if not better and clearly and any(t.gates for t in found):
-        better = confirm(library, slow, found, Answer(mismatch.axis), questions) == found
+        better = paired_p(before - after, mismatch, mismatch.usable) < SIGNIFICANT
+    if not better and clearly and any(t.gates for t in kept):
+        better = kept == found
     library.whiten(noise)
     return (found, slow) if better else (list(terms), noise)
+
+
+def _with_time(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[float, list[Term]]:
+    """`terms`, as far as something supports them, with the best addition that is tied to no state; and their BIC with
+    all that was tried for it, inf without one.
+
+    Levels over a dozen intervals can stand for any law: they come when the laws have been asked. But laws that only a
+    few blocks speak for may have been standing for them, or those that a few forces of some blocks each have made up.
+    """
+    kept = _supported(library, noise, terms)
+    best: tuple[float, list[Term]] = (np.inf, kept)
+    for beside in [kept, []] if kept and not forces_among(kept) else [kept]:
+        for found in next_in_time(library, noise, beside):
+            tried = found.bic - basis(library, noise, [*beside, found.term]).bic
+            trial = drop_useless(library, noise, [*kept, found.term])
+            best = min(best, (basis(library, noise, trial).bic + tried, trial), key=lambda b: b[0])
+    return best
 
 
 def _supported(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
@@ -251,29 +273,34 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     return best
 
 
-def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> Score | None:
-    """The best single addition that is tied to no state: a wave in time, or forces over intervals."""
+def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Score]:
+    """The best single additions that are tied to no state: a wave in time, and forces over intervals."""
     current = basis(library, noise, terms)
-    best: Score | None = None
-    for rhythm, period in find_rhythms(library.mismatch, noise, current.residual):
-        score = _tune(library, current, rhythm, period)
-        if score is not None and (best is None or score.bic < best.bic):
-            best = score
-    if "external_force" not in {t.name for t in terms}:
+    waves = [_tune(library, current, *found) for found in find_rhythms(library.mismatch, noise, current.residual)]
+    out = sorted((w for w in waves if w is not None), key=lambda w: w.bic)[:1]
+    events = None
+    if not forces_among(terms):
         events = find_events(library.mismatch, noise, current.residual)
-        if events is not None:
-            # What the state predicts is no force by itself, however well levels over intervals describe it.
-            rest = flexible_rest(library.mismatch, fit(library.mismatch, noise, terms).residual, without=_CLOCK)
-            events = find_events(library.mismatch, noise, noise.whiten(rest[None])[0])
-        if events is not None:
-            score = library.score(Term(events), current)
-            # Each interval's ends were searched for.
-            if score is not None:
-                ends = max(0.0, charge(library.mismatch) - np.log(current.n))
-                score = replace(score, bic=score.bic + len(events.intervals) * ends)
-                if best is None or score.bic < best.bic - CLEARLY:
-                    best = score
-    return best
+    if events is not None:
+        events = _of_no_state(library.mismatch, noise, fit(library.mismatch, noise, terms).residual, events)
+    score = None if events is None else library.score(Term(events), current)
+    if events is not None and score is not None:
+        # Each interval's ends were searched for.
+        ends = max(0.0, charge(library.mismatch) - np.log(current.n))
+        out.append(replace(score, bic=score.bic + len(events.intervals) * ends))
+    return out
+
+
+def _of_no_state(mismatch: Mismatch, noise: Noise, left: Float1D, events: ExternalForce) -> ExternalForce | None:
+    """The intervals whose level in what is `left`, (n,) in A, is not what the state predicts from other parts; None
+    where these leave no events: levels over intervals describe any law."""
+    rest = flexible_rest(mismatch, left, without=_CLOCK, by_part=True)
+    if find_events(mismatch, noise, noise.whiten(rest[None])[0]) is None:
+        return None
+    inside = Term(events).columns(mismatch.states) * mismatch.usable
+    own = np.abs(inside @ rest) > _OWN * np.abs(inside @ left)
+    kept = tuple(i for i, is_own in zip(events.intervals, own, strict=True) if is_own)
+    return ExternalForce(kept) if kept else None
 
 
 def _tune(library: Library, current: Basis, rhythm: Rhythm, period: float) -> Score | None:

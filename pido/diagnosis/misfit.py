@@ -14,7 +14,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
-from pido.diagnosis.confirm import SIGNIFICANT, Whitened, cross_residual, even, less_error, p_value, paired_p
+from pido.diagnosis.confirm import (
+    SIGNIFICANT,
+    Whitened,
+    cross_residual,
+    even,
+    fold_of,
+    forces_among,
+    less_error,
+    p_value,
+    paired_p,
+)
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Library
 from pido.diagnosis.terms import Term, fit, solve
@@ -68,13 +78,14 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
             return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
         if less_error(mismatch, terms, others, WORTH):
             continue
-        if term.mechanism.id == "external_force":
-            # A force over intervals of one part can be proved on other seconds of the same part only.
-            fold = mismatch.block % 5
-            before, after = (cross_residual(mismatch, noise, t, fold) for t in (others, terms))
+        judge, after = noise, every
+        if forces_among([term]):
+            # Where its ends are a row beside the true ones, whitened rows would count little else.
+            judge, fold = even(mismatch), fold_of(mismatch, [term])
+            before, after = (cross_residual(mismatch, judge, t, fold) for t in (others, terms))
         else:
-            before, after = cross_residual(mismatch, noise, others), every
-        if not _holds_unseen(mismatch, noise, before, after, acts, few=len(terms) == 1 and bool(term.gates)):
+            before = cross_residual(mismatch, noise, others)
+        if not _holds_unseen(mismatch, judge, before, after, acts, few=len(terms) == 1 and bool(term.gates)):
             return i, "no gain on parts that were not fitted"
     i = _mends_at_stops(mismatch, noise, terms)
     if i is not None:

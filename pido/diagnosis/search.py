@@ -25,6 +25,7 @@ from pido.diagnosis.identify import (
     candidates,
     confirm,
     first_noise,
+    next_in_time,
     noise_of,
     seen_slowly,
     select_terms,
@@ -106,6 +107,8 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
         simple = plainest(library, noise, by_error(library, terms, questions))
         library.whiten(noise)
         terms = _retried(library, noise, simple, terms, answer, questions)
+        for found in next_in_time(library, noise, terms):
+            terms = _retried(library, noise, [*terms, found.term], terms, answer, questions)
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
         terms = _retried(library, noise, wider, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.

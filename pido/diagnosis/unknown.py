@@ -154,11 +154,16 @@ def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) ->
 
 
 def flexible_rest(
-    mismatch: Mismatch, residual: Float1D, seed: int = 0, without: frozenset[str] = frozenset()
+    mismatch: Mismatch,
+    residual: Float1D,
+    seed: int = 0,
+    without: frozenset[str] = frozenset(),
+    by_part: bool = False,
 ) -> Float1D:
     """(n,), A – `residual` without what a flexible model of the state predicts of it on blocks that it has not seen.
 
     without : signals that the model is not told
+    by_part : parts that it has not seen, in place of blocks: places and loads tell the time, within one part
 
     What is left is the nearest thing to noise that can be had before anything has a name. The prediction is made on
     few rows and drawn between them; it is scaled back where it does not hold.
@@ -176,7 +181,7 @@ def flexible_rest(
         / np.maximum(np.convolve(mismatch.usable, np.ones(width), "same"), 1)
     )[rows]
     top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)
-    fold = mismatch.block[rows] % 3
+    fold = mismatch.fold[rows] if by_part else mismatch.block[rows] % 3
     prediction = np.zeros(len(rows))
     for k in np.unique(fold):
         trees = HistGradientBoostingRegressor(random_state=seed, **_TREES)

@@ -1,15 +1,18 @@
 """One effect gets one name: what mends the form of a finding, or takes another one back, is no finding of its own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.contained import contained
-from pido.diagnosis.diagnose import diagnose
+from pido.diagnosis.diagnose import diagnose, proved
 from pido.diagnosis.forms import fewest, likelier, plainest
-from pido.diagnosis.identify import Answer, confirm, select_terms
+from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.search import best_gain, first_look, search
@@ -17,7 +20,7 @@ from pido.diagnosis.select import Library, grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.timing import find_delay
-from pido.diagnosis.whiten import Noise
+from pido.diagnosis.whiten import Noise, estimate_noise
 
 NOISE = 0.02
 BY_ID = {m.id: m for m in CATALOGUE}
@@ -284,3 +287,39 @@ def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late, 
     rng = np.random.default_rng(2)
     found = diagnose([shifted(r, rng) for r in recordings()])
     assert [(f.axis, f.mechanism) for f in found.findings] == [("x", "time_misalignment")]
+
+
+def test_what_does_not_stand_up_is_no_reason_to_keep_what_stands_beside_it(monkeypatch):
+    """Averages propose one law. Quick rows propose two that come to the same, and a third too small to be a finding."""
+    x_0 = ("x_0", 0.3)
+    rng = np.random.default_rng(7)
+    states = axis_states(list(recordings()), "x")
+    whole = Term(BY_ID["presliding_hysteresis"], (x_0, ("full", 1.0)))
+    parts = [replace(whole, shape=(x_0, ("full", 2.0))), Term(BY_ID["coulomb_friction"])]
+    faint = Term(BY_ID["inertia"])
+    rows = 0.06 * whole.columns(states)[0] + 8e-5 * faint.columns(states)[0]
+    rows += lfilter([0.7 * NOISE], [1, -0.7], rng.normal(size=len(rows)))
+    mismatch = lay_out(states, np.split(rows, len(states)))
+    noise = estimate_noise(rows - 0.06 * whole.columns(states)[0], mismatch.starts, mismatch.noise_class)
+    library = Library(mismatch, [whole, *parts, faint])
+    library.whiten(noise)
+    assert plain_error(mismatch, [*parts, faint]) < plain_error(mismatch, [whole]) < plain_error(mismatch, parts)
+    monkeypatch.setattr("pido.diagnosis.identify.select_terms", lambda *_, **__: [whole])
+    assert seen_slowly(library, noise, [*parts, faint], 4)[0] == [whole]
+
+
+def test_a_law_that_could_as_well_have_the_other_sign_is_no_finding():
+    """Its slow part says one sign, its quick part the other: the law is not what the machine does."""
+    rng = np.random.default_rng(5)
+    states = axis_states(list(recordings()), "x")
+    law = Term(BY_ID["stribeck_friction"], (("v_s", 2.0), ("delta", 2.0), ("rest", 0.0)))
+    shape = law.columns(states)[0]
+    slow = lfilter([0.1], [1, -0.9], shape)
+    rows = 0.3 * slow - 0.2 * (shape - slow) + lfilter([0.3 * NOISE], [1, -0.95], rng.normal(size=len(shape)))
+    mismatch = lay_out(states, np.split(rows, len(states)))
+    quick = Noise(np.array([0.95]), np.full(mismatch.n, NOISE), 0.3, mismatch.usable & ~mismatch.starts)
+    answer = Answer("x", [law], [1e-9], [1e-8], [500.0], [[]])
+    assert plain_error(mismatch, [law]) < 0.97 * plain_error(mismatch, [])
+    terms, _, _ = proved(mismatch, (even(mismatch), quick), [law], answer, rows, rng)
+    assert terms == []
+    assert [r.reason for r in answer.rejected] == ["the 95 % interval of its size holds zero"]

@@ -4,18 +4,19 @@ import re
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
-from pido.diagnosis.identify import select_terms
+from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.search import first_look, search
-from pido.diagnosis.select import MOST_TERMS, Library, basis
+from pido.diagnosis.select import MOST_TERMS, Library, basis, grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.unnamed import with_unknown
@@ -110,6 +111,58 @@ def test_a_force_over_an_interval_is_found_in_its_part_and_stays_there(level, be
     assert (first, last) == (pytest.approx(begin, abs=0.25), pytest.approx(end, abs=0.25))
     seen = [found.regressors(state).any() for state in mismatch.states]
     assert seen == [False, True, False]
+
+
+FORCES = (("p0", 3.0, 10.0, 0.1), ("p0", 20.0, 23.0, 0.12), ("p1", 7.0, 11.0, -0.12), ("p1", 12.5, 20.0, 0.1))
+
+
+def forced(state):
+    t, of = state.time, [f for f in FORCES if f[0] == state.part]
+    return sum((level * ((t >= begin) & (t < end)) for _, begin, end, level in of), nothing(state))
+
+
+def test_several_forces_are_no_scatter_to_one_another():
+    mismatch, noise = laid_out(forced)
+    found = find_events(mismatch, noise, mismatch.target / NOISE)
+    assert [part for part, _, _ in found.intervals] == [part for part, *_ in FORCES]
+    np.testing.assert_allclose([i[1:] for i in found.intervals], [f[1:3] for f in FORCES], atol=0.5)
+
+
+def test_laws_that_forces_over_intervals_have_made_up_give_way_to_them():
+    mismatch, noise = laid_out(forced)
+    laws = [t for m in CATALOGUE if m.id in ("position_dependent_friction", "torque_ripple", "presliding_hysteresis")
+            for t in grid_terms(m, mismatch.states)]  # fmt: skip
+    library = library_of(mismatch, noise, *laws)
+    assert select_terms(library, noise, in_time=False) != []
+    assert [t.name for t in select_terms(library, noise)] == ["external_force"]
+
+
+def slowly_noisy(effect, seed=0) -> tuple[Mismatch, Noise]:
+    """effect : state -> (n,), A, beside noise that remembers ten samples; and what is known of that noise."""
+    states, rng = axis_states(list(recordings()), "x"), np.random.default_rng(seed)
+    noise = [lfilter([0.2 * NOISE], [1, -0.9], rng.normal(size=len(s.time))) for s in states]
+    mismatch = lay_out(states, [effect(s) + e for s, e in zip(states, noise, strict=True)])
+    return mismatch, estimate_noise(np.concatenate(noise), mismatch.starts, mismatch.noise_class, mismatch.usable)
+
+
+def test_short_forces_whose_ends_are_a_few_rows_beside_the_true_ones_are_proved():
+    begins = {"p0": (2.0, 9.0, 17.0, 25.0), "p1": (4.0, 13.0, 20.0, 27.0), "p2": ()}
+    mismatch, noise = slowly_noisy(
+        lambda s: 0.15 * sum(((s.time >= b) & (s.time < b + 2.0) for b in begins[s.part]), nothing(s))
+    )
+    late = Term(ExternalForce(tuple((part, b + 0.2, b + 2.2) for part, of in begins.items() for b in of)))
+    assert confirm(library_of(mismatch, noise), noise, [late], Answer("x"), 20) == [late]
+
+
+def test_a_force_is_compared_with_a_law_on_other_seconds_of_its_own_part(monkeypatch):
+    mismatch, noise = slowly_noisy(lambda s: 2 * forced(s))
+    forces = Term(ExternalForce(tuple(f[:3] for f in FORCES)))
+    drift = next(m for m in CATALOGUE if m.id == "thermal_drift")
+    law = Term(drift, (("tau", 64.0), ("clock", 1.0), ("along", 0.0), ("rises", 0.0)))
+    library = library_of(mismatch, noise)
+    assert confirm(library, noise, [law], Answer("x"), 20) == [law]
+    monkeypatch.setattr("pido.diagnosis.identify.select_terms", lambda *_, **__: [law])
+    assert seen_slowly(library, noise, [forces], 20)[0] == [forces]
 
 
 def test_noise_alone_has_no_events_and_no_rhythm():
