@@ -166,8 +166,8 @@ def select_terms(library: Library, noise: Noise, start: Sequence[Term] = (), in_
 
 
 def seen_slowly(library: Library, noise: Noise, terms: Sequence[Term], questions: int) -> tuple[list[Term], Noise]:
-    """What a search by averages over the noise's memory finds, where it makes the plain error smaller with less, or
-    clearly smaller.
+    """What a search by averages over the noise's memory finds, where that of it which stands up makes the plain error
+    smaller with less, or clearly smaller.
 
     Where no textbook form is quite the machine's, its quick part (how a load rises as the tool enters) is wrong first,
     and weights that whiten listen to nothing else. What is confined to a box is there at few times, and all others say
