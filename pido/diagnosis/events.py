@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.stats import chi2
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
@@ -25,6 +25,7 @@ from pido.diagnosis.whiten import Noise, robust_sd
 _BINS = 300  # per part, in which ends of intervals are searched
 _MOST_PER_PART = 4
 _LONGEST_SHARE = 0.6  # of a part: a longer stretch is a level of that part, not an event
+_WHOLE = 0.8  # of an interval, and of a stand: they are the same
 _AS_MODELLED = 1.5  # times what independent rows scatter by
 _FEWEST_LIKE = 8  # stretches in the same state, from which it is seen how much their levels scatter anyway
 
@@ -122,11 +123,31 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
             first, last, _, level = best
             found.append((p, int(i) + first * width, min(int(i) + last * width, int(j))))
             score[first:last] -= level * weight[first:last]
-    intervals = []
+    stands, intervals = _stands(mismatch), []
+    found = [f for f in found if not _is_one_stand(stands, *f[1:])]
     for p, first, last in _unlike_others(mismatch, noise, residual, found, float(np.sqrt(penalty))):
         time, i = mismatch.states[p].time, int(mismatch.edges[p])
         intervals.append((mismatch.parts[p], float(time[first - i]), float(time[last - 1 - i]) + 1e-9))
     return ExternalForce(tuple(intervals)) if intervals else None
+
+
+def _stands(mismatch: Mismatch) -> Int1D:
+    """(n,) – number of the stand, from a stop of the axis to its next motion, that a row is in; 0 in none."""
+    stands = np.concatenate([~s.moving for s in mismatch.states])
+    begins = stands & np.r_[True, ~stands[:-1] | (mismatch.part[1:] != mismatch.part[:-1])]
+    return np.cumsum(begins) * stands
+
+
+def _is_one_stand(stands: Int1D, first: int, last: int) -> bool:
+    """Whether an interval is one stand. While an axis stands, its friction holds any current up to its own size, and
+    what was left when it stopped stays until it moves: that is no force that comes and goes.
+    """
+    inside = np.bincount(stands[first:last])[1:]
+    longest = int(np.argmax(inside)) + 1 if len(inside) else 0
+    if longest == 0:
+        return False
+    shared = int(inside[longest - 1])
+    return shared >= _WHOLE * (last - first) and shared >= _WHOLE * int(np.sum(stands == longest))
 
 
 def _unlike_others(

@@ -195,6 +195,20 @@ def test_noise_that_is_slow_at_standstill_makes_no_events_and_hides_no_large_one
     assert level > 0 or found is None
 
 
+@pytest.mark.parametrize(("begin", "end", "found"), [(12.0, 16.0, False), (12.8, 15.0, True), (9.0, 15.0, True)])
+def test_what_stays_from_a_stop_to_the_next_motion_is_no_force(begin, end, found):
+    def rests(recording):
+        t = recording["time"]
+        return recording.with_columns(v_x=np.where((t >= 12.0) & (t < 16.0), 0.0, recording["v_x"]))
+
+    rng = np.random.default_rng(3)
+    states = axis_states([rests(r) for r in recordings()], "x")
+    level = [0.3 * ((s.part == "p1") & (s.time >= begin) & (s.time < end)) for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(s.time)) for s, e in zip(states, level, strict=True)])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    assert (find_events(mismatch, noise, mismatch.target / NOISE) is not None) == found
+
+
 def test_noise_that_grows_with_the_load_has_a_level_per_quarter_of_it():
     rng = np.random.default_rng(4)
 
