@@ -335,10 +335,13 @@ def proved(
 
 
 def _may_be_nothing(term: Term, parameters: Mapping[str, Estimate]) -> bool:
-    """Whether a law of one size could as well have the other sign. Several sizes are judged together, and a curve
-    without a name by what it removes."""
+    """Whether a law of one size and no free shape could as well have the other sign. Several sizes are judged together,
+    a curve without a name by what it removes; and beside a shape that is hardly known the size is not known either.
+    """
+    if term.name == "unknown" or any(not p.is_choice for p in term.mechanism.shape):
+        return False
     sizes = [p for a in term.mechanism.amplitudes if (p := parameters.get(a.name)) is not None]
-    return term.name != "unknown" and len(sizes) == 1 and sizes[0].ci95[0] < 0.0 < sizes[0].ci95[1]
+    return len(sizes) == 1 and sizes[0].ci95[0] < 0.0 < sizes[0].ci95[1]
 
 
 def _replaced(full: Mismatch, alone: Float1D, joint: Float1D) -> tuple[str, ...]:

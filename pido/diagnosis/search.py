@@ -107,8 +107,10 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
         simple = plainest(library, noise, by_error(library, terms, questions))
         library.whiten(noise)
         terms = _retried(library, noise, simple, terms, answer, questions)
-        for found in next_in_time(library, noise, terms):
-            terms = _retried(library, noise, [*terms, found.term], terms, answer, questions)
+        # Where nothing stands, laws may have been made up for what comes and goes by itself. Beside a law it would
+        # stand for what that law lacks.
+        for found in [] if terms else next_in_time(library, noise, terms):
+            terms = _retried(library, noise, [found.term], terms, answer, questions)
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
         terms = _retried(library, noise, wider, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.

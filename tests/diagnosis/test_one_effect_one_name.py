@@ -312,10 +312,10 @@ def test_a_law_that_could_as_well_have_the_other_sign_is_no_finding():
     """Its slow part says one sign, its quick part the other: the law is not what the machine does."""
     rng = np.random.default_rng(5)
     states = axis_states(list(recordings()), "x")
-    law = Term(BY_ID["stribeck_friction"], (("v_s", 2.0), ("delta", 2.0), ("rest", 0.0)))
+    law = Term(BY_ID["viscous_friction"])
     shape = law.columns(states)[0]
     slow = lfilter([0.1], [1, -0.9], shape)
-    rows = 0.3 * slow - 0.2 * (shape - slow) + lfilter([0.3 * NOISE], [1, -0.95], rng.normal(size=len(shape)))
+    rows = 0.006 * slow - 0.01 * (shape - slow) + lfilter([0.3 * NOISE], [1, -0.95], rng.normal(size=len(shape)))
     mismatch = lay_out(states, np.split(rows, len(states)))
     quick = Noise(np.array([0.95]), np.full(mismatch.n, NOISE), 0.3, mismatch.usable & ~mismatch.starts)
     answer = Answer("x", [law], [1e-9], [1e-8], [500.0], [[]])
