@@ -111,6 +111,7 @@ def test_a_force_over_an_interval_is_found_in_its_part_and_stays_there(level, be
     assert (first, last) == (pytest.approx(begin, abs=0.25), pytest.approx(end, abs=0.25))
     seen = [found.regressors(state).any() for state in mismatch.states]
     assert seen == [False, True, False]
+    assert found.conditions("x", {})[0].startswith("x axis, over single intervals")
 
 
 FORCES = (("p0", 3.0, 10.0, 0.1), ("p0", 20.0, 23.0, 0.12), ("p1", 7.0, 11.0, -0.12), ("p1", 12.5, 20.0, 0.1))
