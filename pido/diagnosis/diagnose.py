@@ -319,14 +319,13 @@ def proved(
         least = [min(_LESS_ERROR, 1 - _LESS_WHERE * share) for share in shares]
         idle = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         reason = "the error on unseen parts is hardly smaller with it"
-        found = None
         if not idle:
             found = estimate(full, noise, kept, rng, other)
             idle = [i for i, t in enumerate(kept) if _may_be_nothing(t, found.parameters[i])]
             reason = "the 95 % interval of its size holds zero"
-        if found is not None and not idle:
-            answer.terms = kept
-            return kept, proofs, found
+            if not idle:
+                answer.terms = kept
+                return kept, proofs, found
         i = max(idle, key=lambda k: proofs[k].rmse_after - proofs[k].rmse_before)
         answer.rejected.append(Rejected(full.axis, kept[i].name, reason))
         kept = without(kept, i)

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.stats import chi2
 
-from pido.core.arrays import Float1D, Float2D, Int1D
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
@@ -163,21 +163,24 @@ def _unlike_others(
     state = np.concatenate(
         [2 * s.moving + (np.zeros(len(s.time), int) if s.engaged is None else s.engaged) for s in mismatch.states]
     )
-    outside = noise.valid.astype(bool)
+    free = noise.valid.astype(bool)
+    outside = free.copy()
     for _, first, last in found:
         outside[first:last] = False
-    free, left, kept = noise.valid.astype(bool), list(found), []
+
+    def scatter(interval: tuple[int, int, int], among: Bool1D) -> float:
+        _, first, last = interval
+        same = among & (state == np.bincount(state[first:last]).argmax())
+        same[first:last] = False
+        return _scatter(residual[same], last - first)
+
+    by_outside = {interval: scatter(interval, outside) for interval in found}
+    left, kept = list(found), []
     while left:
-        ratios = []
-        for _, first, last in left:
-            same = state == np.bincount(state[first:last]).argmax()
-            same[first:last] = False
-            scatter = _scatter(residual[same & outside], last - first)
-            if scatter > _AS_MODELLED:
-                scatter = _scatter(residual[same & free], last - first)
-            ratios.append(abs(residual[first:last].sum()) / np.sqrt(last - first) / scatter)
-        best = int(np.argmax(ratios))
-        if ratios[best] <= times:
+        by = [s if (s := by_outside[each]) <= _AS_MODELLED else scatter(each, free) for each in left]
+        height = [abs(residual[i:j].sum()) / np.sqrt(j - i) for _, i, j in left]
+        best = int(np.argmax(np.array(height) / np.maximum(by, np.finfo(float).tiny)))
+        if height[best] <= times * by[best]:
             break
         kept.append(left.pop(best))
         free[kept[-1][1] : kept[-1][2]] = False
@@ -188,7 +191,7 @@ def _scatter(like: Float1D, length: int) -> float:
     """What sums over so many rows of `like` scatter by, for independent rows 1; 0 where these are few to say."""
     length = min(length, len(like) // _FEWEST_LIKE)
     if not length:
-        return 1e-12
+        return 0.0
     sums = like[: len(like) // length * length].reshape(-1, length).sum(axis=1) / np.sqrt(length)
     return robust_sd(sums)
 
