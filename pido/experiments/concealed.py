@@ -27,19 +27,18 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest, rankdata
+from scipy.stats import binomtest
 
-from pido.core.arrays import Bool1D, Float1D
+from pido.core.arrays import Float1D
 from pido.core.axes import AXES
 from pido.core.errors import PidoError
 from pido.experiments.base import Outcome, Shown
+from pido.experiments.judged import Answer, Claim, Interval, judge
 from pido.synthetic.cases import KINDS, MECHANISMS, draw_case
 from pido.synthetic.write import write_case
 
 STRENGTHS = (0.5, 1.0, 2.0, 4.0)
 TOOL = "pido"
-SAME_PARAMETER = {"delay": "shift"}
-"""Names of the synthetic machine -> of a finding, where the two say the same in other words."""
 
 
 @dataclass(frozen=True)
@@ -53,27 +52,6 @@ class Task:
     @property
     def key(self) -> str:
         return hashlib.sha256(f"{self.kind}|{self.strength}|{self.seed}".encode()).hexdigest()[:12]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """What a solver says of one axis: the mechanism, its kind, and what it cannot tell from it, likeliest first."""
-
-    axis: str
-    mechanism: str
-    kind: str
-    alternatives: tuple[str, ...] = ()
-    parameters: Mapping[str, tuple[float, float, float]] | None = None  # value, low and high end of the 95 % interval
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """claims, strongest first; per part and axis the score in 0..1; for the unseen part the mismatch per axis, A."""
-
-    claims: tuple[Claim, ...]
-    scores: Mapping[str, Mapping[str, Float1D]]
-    unseen: Mapping[str, Float1D]
-    seconds: float
 
 
 Solver = Callable[[Sequence[Path], Path, Path], Answer]
@@ -168,7 +146,7 @@ def tool(parts: Sequence[Path], unseen: Path, place: Path) -> Answer:
     claims = tuple(
         Claim(
             f["axis"], f["mechanism"], f["kind"], tuple(a["mechanism"] for a in f["alternatives"]),
-            {k: (p["value"], *p["ci95"]) for k, p in f["parameters"].items()},
+            {k: Interval(*p["ci95"], p["unit"]) for k, p in f["parameters"].items() if None not in p["ci95"]},
         )
         for f in said["findings"]
     )  # fmt: skip
@@ -186,97 +164,6 @@ def _pido(*arguments: str) -> None:
 def _series(path: Path, prefix: str) -> dict[str, Float1D]:
     table = pd.read_parquet(path)
     return {a: table[prefix + a].to_numpy(float) for a in AXES if prefix + a in table}
-
-
-def judge(answer: Answer, truth: Mapping[str, Any], sealed: Path, unseen: str) -> dict[str, Any]:
-    """What an answer is worth beside the truth.
-
-    first, found : the first claim names an effect; all effects are among the claims; false : claims that name none.
-    listed : an effect is the first claim or its first alternative
-    auc : of the score on the truth's axis, where samples inside and outside the effect both exist
-    removed : share of the effect's power that the correction takes from the unseen part
-    covered, of : parameters whose 95 % interval holds the truth, and how many could be compared
-    """
-    effects = truth["effects"]
-    real = [e for e in effects if e["mechanism"] != "time_misalignment" or e is effects[0]]
-    claims = answer.claims
-    found = [any(_names(c, e) for c in claims) for e in real]
-    lead = next((e for e in real if claims and _names(claims[0], e)), None)
-    row: dict[str, Any] = {
-        "truth": ", ".join(f"{e['axis']} {e['mechanism']}" for e in real),
-        "said": ", ".join(f"{c.axis} {c.mechanism}" for c in claims),
-        "effects": len(real),
-        "seconds": answer.seconds,
-        "claims": len(claims),
-        "false": sum(not any(_names(c, e) for e in real) for c in claims),
-        "first": lead is not None if real else None,
-        "found": all(found) if real else None,
-        "listed": any(_names(claims[0], e) or _first_alternative(claims[0], e) for e in real) if real and claims
-        else (False if real else None),
-        "kind_right": any(claims[0].kind == e["kind"] for e in real) if real and claims else (False if real else None),
-    }  # fmt: skip
-    covered = [_inside(claim, e) for e in real for claim in claims if _names(claim, e)]
-    row["covered"], row["of"] = (int(sum(c[k] for c in covered)) for k in (0, 1))
-    physical = [e for e in real if e["kind"] != "data_fault"]
-    if physical:
-        axis = physical[0]["axis"]
-        row["auc"] = _localised(answer, axis, sealed)
-        effect = _sealed(sealed, unseen)[f"effect_{axis}"].to_numpy()
-        power = float(np.mean(effect**2))
-        guess = answer.unseen.get(axis, np.zeros_like(effect))
-        row["removed"] = float(1 - np.mean((effect - guess) ** 2) / power) if power > 0 else None
-    return row
-
-
-def _names(claim: Claim, effect: Mapping[str, Any]) -> bool:
-    """A clock is one for all axes; everything else is of one axis."""
-    anywhere = effect["mechanism"] == "time_misalignment"
-    return claim.mechanism == effect["mechanism"] and (anywhere or claim.axis == effect["axis"])
-
-
-def _first_alternative(claim: Claim, effect: Mapping[str, Any]) -> bool:
-    return claim.axis == effect["axis"] and claim.alternatives[:1] == (effect["mechanism"],)
-
-
-def _inside(claim: Claim, effect: Mapping[str, Any]) -> tuple[int, int]:
-    """Sizes are compared: the truth has its coefficients positive, a finding has the sign by which it adds to the
-    current. Of a wrong coefficient the truth says what is right, a finding what has to be added: not comparable."""
-    if claim.mechanism.startswith("miscalibrated:"):
-        return 0, 0
-    hits = total = 0
-    for name, parameter in effect["parameters"].items():
-        value = parameter["value"]
-        said = (claim.parameters or {}).get(SAME_PARAMETER.get(name, name))
-        if said is None or value is None or said[1] is None or said[2] is None:
-            continue
-        total += 1
-        hits += said[1] <= value <= said[2] or said[1] <= -value <= said[2]
-    return hits, total
-
-
-def _localised(answer: Answer, axis: str, sealed: Path) -> float | None:
-    scores, inside = [], []
-    for part, by_axis in answer.scores.items():
-        acts = _sealed(sealed, part)[f"acts_{axis}"].to_numpy(bool)
-        scores.append(by_axis.get(axis, np.zeros(len(acts))))
-        inside.append(acts)
-    return area_under_curve(np.concatenate(scores), np.concatenate(inside))
-
-
-def area_under_curve(score: Float1D, inside: Bool1D) -> float | None:
-    """Chance that a sample inside has a higher score than one outside, ties counted half; None if there is no both.
-
-    >>> area_under_curve(np.array([0.1, 0.4, 0.35, 0.8]), np.array([False, False, True, True]))
-    0.75
-    """
-    n, m = int(inside.sum()), int((~inside).sum())
-    if not n or not m:
-        return None
-    return float((rankdata(score)[inside].sum() - n * (n + 1) / 2) / (n * m))
-
-
-def _sealed(sealed: Path, part: str) -> pd.DataFrame:
-    return pd.read_parquet(sealed / f"{part}.parquet")
 
 
 def group_of(kind: str) -> str:
@@ -386,7 +273,7 @@ def _code() -> str:
     for folder in ("core", "physics", "process", "feature_space", "equations", "recordings", "synthetic", "diagnosis"):
         for path in sorted((package / folder).rglob("*.py")):
             text.update(path.read_bytes())
-    for name in ("concealed.py", "concealed_rivals.py"):
+    for name in ("concealed.py", "concealed_rivals.py", "judged.py"):
         text.update(Path(__file__).with_name(name).read_bytes())
     return text.hexdigest()[:10]
 

@@ -23,7 +23,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term
-from pido.experiments.concealed import Answer, Claim
+from pido.experiments.judged import Answer, Claim
 from pido.recordings import read_recording
 
 ROWS = 6000
