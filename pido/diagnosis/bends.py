@@ -14,9 +14,11 @@ from typing import ClassVar
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.flexible import Coarse
+from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
+from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.unknown import Coarse, Unnamed, signals
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from pido.diagnosis.confirm import even, held_out, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
+from pido.diagnosis.flexible import flexible_rest
 from pido.diagnosis.identify import Answer
 from pido.diagnosis.locate import score
 from pido.diagnosis.misfit import acting
@@ -39,7 +40,6 @@ from pido.diagnosis.search import Look, best_gain, first_look, search, without
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
-from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)

@@ -17,11 +17,12 @@ import numpy as np
 from scipy import signal as dsp
 
 from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.formulas import FORMS, Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
-from pido.diagnosis.unknown import FORMS, Unnamed, signals
 
 _WINDOW_S = 20.0  # of a spectrum
 _SLOWEST_HZ = 0.2

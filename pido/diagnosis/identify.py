@@ -31,6 +31,7 @@ from pido.diagnosis.confirm import (
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.events import ExternalForce, Rhythm, charge, find_events, find_rhythms
 from pido.diagnosis.finding import Rejected
+from pido.diagnosis.flexible import flexible_rest
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.misfit import WORTH, useless
 from pido.diagnosis.mismatch import Mismatch
@@ -48,7 +49,6 @@ from pido.diagnosis.select import (
     swap,
 )
 from pido.diagnosis.terms import Term, fit
-from pido.diagnosis.unknown import flexible_rest
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another

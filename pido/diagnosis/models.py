@@ -21,11 +21,11 @@ from pido.diagnosis.baseline import equation_names, equation_rows
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Lagged, Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
+from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Gate, Term
-from pido.diagnosis.unknown import Formula, Peak, Surface
 
 _GIVEN_BY = {
     "pos": "pos_{axis}",

@@ -16,9 +16,9 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.boxes import Float32, Grid, Places, cuts_of, gains_of_each, gains_together, grid_at, places_of
+from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.select import Basis, Library, Score, refine
 from pido.diagnosis.terms import Gate, Term, gate_variable
-from pido.diagnosis.unknown import LEVEL
 
 VARIABLES = ("v_x", "v_y", "AR")
 CLEARLY = 15.0  # BIC by which a box must beat the best mechanism that acts everywhere

@@ -20,25 +20,13 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.bends import Bend, bends
 from pido.diagnosis.confirm import plain_error
 from pido.diagnosis.dynamics import Lagged, Ringing, remembering
+from pido.diagnosis.flexible import Coarse, coarse, structure
+from pido.diagnosis.formulas import FORMS, LOOKED_AT, Formula, Peak, Surface, Unnamed, formulas, peaks, surfaces
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
+from pido.diagnosis.signals import common_signals
 from pido.diagnosis.terms import Term, fit
-from pido.diagnosis.unknown import (
-    FORMS,
-    LOOKED_AT,
-    Coarse,
-    Formula,
-    Peak,
-    Surface,
-    Unnamed,
-    coarse,
-    common_signals,
-    formulas,
-    peaks,
-    structure,
-    surfaces,
-)
 from pido.diagnosis.whiten import Noise
 
 log = logging.getLogger(__name__)

@@ -107,7 +107,7 @@ def _finding(f: Finding, figures: list[figure]) -> Section:
     if np.isfinite(f.fit.rmse_before):
         lines.append(
             f"On unseen data ({f.fit.scheme}): RMSE {number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}, R² "
-            f"{number(f.fit.r2_before)} → {number(f.fit.r2_after)}, p {_chance(f.fit.p_value)}."
+            f"{f.fit.r2_before:.4f} → {f.fit.r2_after:.4f}, p {_chance(f.fit.p_value)}."
         )
     else:
         lines.append("A contradiction within the recording itself: no fit is needed to see it, and none was made.")

@@ -7,10 +7,10 @@ import pytest
 from scipy import stats
 
 from pido.diagnosis.confirm import Whitened, half_widths, p_value, q_values
+from pido.diagnosis.formulas import Formula, Surface
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import AxisModel
 from pido.diagnosis.terms import Term, held_back, solve
-from pido.diagnosis.unknown import Formula, Surface
 
 _ROWS, _BLOCKS = 1200, 40
 

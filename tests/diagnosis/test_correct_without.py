@@ -8,11 +8,11 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.correct import correct
 from pido.diagnosis.dynamics import Ringing
+from pido.diagnosis.formulas import Formula
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.models import AxisModel, as_json, known_of
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.unknown import Formula
 
 COOLANT = Term(next(m for m in CATALOGUE if m.id == "coolant_load"), (("along", 0.0),))
 

@@ -1,222 +1,26 @@
-"""What no mechanism of the catalogue explains: how much of it there is, where it acts, and a model without a name.
+"""Models without a name, of what no mechanism of the catalogue explains.
 
-In:  what is left of one axis' mismatch, and everything that the recording knows about the state.
-Out: the share that a flexible model predicts on unseen parts; a formula in the recorded quantities, or a surface
-     over one or
-     two of them, with the units that make it an ampere.
-A flexible model has no say in naming. It only tells when a name would be dressing up.
+In:  everything that the recording knows about the state. Out: formulas in the recorded quantities, peaks, and surfaces
+     over one or two of them, with the units that make each an ampere.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingRegressor
 
-from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
-from pido.core.axes import LINEAR_AXES
-from pido.core.errors import DiagnosisError
-from pido.diagnosis.confirm import p_of_mean
+from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.signals import common_signals, signals
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.whiten import Noise
 
-_TREES: dict[str, Any] = dict(
-    max_iter=30,
-    learning_rate=0.25,
-    max_leaf_nodes=10,
-    min_samples_leaf=30,
-    l2_regularization=5.0,
-    early_stopping=False,
-)
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
-_MOST_ROWS = 8_000
-_FEWEST_ROWS = 200
-_LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut began
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
-
-
-@dataclass(frozen=True, slots=True)
-class Structure:
-    """What a flexible model predicts of a residual on folds that it has not seen.
-
-    explained : A² – mean square that it takes away (may be negative)
-    share : of the residual's mean square
-    p_value : one-sided, blocks as observations
-    """
-
-    explained: float
-    share: float
-    p_value: float
-
-
-def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
-    """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`.
-
-    Raises DiagnosisError where one of `names` is not known.
-    """
-    spindle = state.axis == "sp"
-    length, speed = ("deg", "deg/s") if spindle else ("mm", "mm/s")
-    a = state.axis
-    found: dict[str, tuple[Float1D | Callable[[], Float1D | None] | None, str]] = {
-        f"v_{a}": (state.v, speed),
-        f"a_{a}": (state.a, f"{speed}²"),
-        f"pos_{a}": (None if spindle else state.pos, length),
-        f"held_{a}": (state.held, "–"),
-        f"d_{a}": (state.since_reversal, length),
-        f"I_{a}": (state.sim, "A"),
-        **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
-        "feed": (lambda: _feed(state), "mm/s"),
-        **{f"f_{axis}": (force, "N") for axis, force in state.forces.items()},
-        "t_block": (lambda: _since_change(state.time, state.nc_line), "s"),
-        "t_cut": (lambda: _since_change(state.time, state.engaged, state.engaged), "s"),
-        "M_sp": (state.m_sp, "N·m"),
-        "MRR": (state.mrr, "mm³/s"),
-        "AR": (state.ar, "mm²"),
-        "coolant": (state.coolant, "–"),
-        "uptime": (state.clock if state.clock is not None else None, "s"),
-    }
-    for name, other in state.others.items():
-        if name != a:
-            found[f"v_{name}"] = (other.v, "deg/s" if name == "sp" else "mm/s")
-            found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
-    out = {}
-    for name in found if names is None else names:
-        values, unit = found.get(name, (None, ""))
-        values = values() if callable(values) else values
-        if values is not None:
-            out[name] = (_finite(np.asarray(values, float)), unit)
-        elif names is not None:
-            raise DiagnosisError(
-                f"part {state.part}: what axis {a} follows without a name depends on {name}, which this part does not "
-                "give. Add the columns that the diagnosed parts had."
-            )
-    return out
-
-
-def _feed(state: AxisState) -> Float1D | None:
-    """Speed along the path, mm/s; None with fewer than two linear axes."""
-    speeds = [o.v for name, o in state.others.items() if name in LINEAR_AXES]
-    if not speeds:
-        return None
-    return np.sqrt(sum(v**2 for v in (speeds if state.axis == "sp" else [state.v, *speeds])))
-
-
-def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = None) -> Float1D | None:
-    """s since `values` changed, at most ten; 0 outside `only`; None without values."""
-    if values is None:
-        return None
-    change = np.r_[True, values[1:] != values[:-1]]
-    since = time - time[np.maximum.accumulate(np.where(change, np.arange(len(time)), 0))]
-    return np.minimum(since, _LONG_S) * (1.0 if only is None else only)
-
-
-def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
-    """The signals that every part has and that vary, parts one after another."""
-    each = [signals(s) for s in states]
-    names = [n for n in each[0] if all(n in e for e in each)]
-    out = {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
-    return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
-
-
-def _finite(values: Float1D) -> Float1D:
-    """Unknown as zero, infinite (no reversal yet) as the largest known."""
-    known = values[np.isfinite(values)]
-    top = float(np.max(np.abs(known), initial=0.0))
-    return np.nan_to_num(values, nan=0.0, posinf=top, neginf=-top)
-
-
-def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) -> Structure:
-    """How much of `residual` a flexible model of the state predicts on unseen folds."""
-    few = coarse(mismatch, residual, noise)
-    if len(few.rows) < _FEWEST_ROWS or not common_signals(mismatch.states):
-        return Structure(0.0, 0.0, 1.0)
-    features = np.column_stack([v[few.rows] for v, _ in common_signals(mismatch.states).values()])
-    fold = _three_folds(mismatch, few.rows)
-    y, prediction = few.values, np.zeros(len(few.rows))
-    top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)
-    for k in np.unique(fold):
-        learn = fold != k
-        trees = HistGradientBoostingRegressor(random_state=seed, **_TREES)
-        trees.fit(features[learn], np.clip(y[learn], -top, top))
-        prediction[~learn] = trees.predict(features[~learn])
-    gain = y**2 - (y - prediction) ** 2
-    block = mismatch.block[few.rows]
-    count = np.bincount(block)
-    p = p_of_mean(np.bincount(block, gain * few.weights)[count > 0])
-    total = float(np.mean(y**2)) or 1.0
-    return Structure(float(np.mean(gain)), float(np.mean(gain)) / total, p)
-
-
-def flexible_rest(
-    mismatch: Mismatch,
-    residual: Float1D,
-    seed: int = 0,
-    without: frozenset[str] = frozenset(),
-    by_part: bool = False,
-) -> Float1D:
-    """(n,), A – `residual` without what a flexible model of the state predicts of it on blocks that it has not seen.
-
-    without : signals that the model is not told
-    by_part : parts that it has not seen, in place of blocks: places and loads tell the time, within one part
-
-    What is left is the nearest thing to noise that can be had before anything has a name. The prediction is made on
-    few rows and drawn between them; it is scaled back where it does not hold.
-    """
-    known = {name: v for name, v in common_signals(mismatch.states).items() if name not in without}
-    width = max(1, int(np.ceil(mismatch.n / _MOST_ROWS)))
-    rows = np.arange(width // 2, mismatch.n, width)
-    rows = rows[mismatch.usable[rows]]
-    if len(rows) < _FEWEST_ROWS or not known:
-        return residual
-    features = np.column_stack([v[rows] for v, _ in known.values()])
-    padded = np.where(mismatch.usable, residual, 0.0)
-    y = (
-        np.convolve(padded, np.ones(width), "same")
-        / np.maximum(np.convolve(mismatch.usable, np.ones(width), "same"), 1)
-    )[rows]
-    top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)
-    fold = mismatch.fold[rows] if by_part else mismatch.block[rows] % 3
-    prediction = np.zeros(len(rows))
-    for k in np.unique(fold):
-        trees = HistGradientBoostingRegressor(random_state=seed, **_TREES)
-        trees.fit(features[fold != k], np.clip(y[fold != k], -top, top))
-        prediction[fold == k] = trees.predict(features[fold == k])
-    power = float(prediction @ prediction)
-    holds = float(np.clip(prediction @ y / power, 0.0, 1.0)) if power > 0 else 0.0
-    return residual - holds * np.interp(np.arange(mismatch.n), rows, prediction)
-
-
-@dataclass(frozen=True, slots=True)
-class Coarse:
-    """A residual averaged over the memory of its noise: few rows that hold nearly all that the many do.
-
-    rows : (m,) – row in the middle of each average; values : (m,), A; weights : (m,), 1/A²
-    """
-
-    rows: Int1D
-    values: Float1D
-    weights: Float1D
-
-
-def coarse(mismatch: Mismatch, residual: Float1D, noise: Noise, most: int = _MOST_ROWS) -> Coarse:
-    """Averages over half the memory of the noise, or longer where there would be more than `most`."""
-    memory = min(noise.memory / 2, mismatch.n / 1000)
-    width = max(1, round(memory), int(np.ceil(mismatch.n / most)))
-    n = mismatch.n // width * width
-    usable = mismatch.usable[:n].reshape(-1, width)
-    count = usable.sum(axis=1)
-    sums = (residual[:n].reshape(-1, width) * usable).sum(axis=1)
-    rows = np.arange(width // 2, n, width)
-    same = mismatch.part[np.arange(0, n, width)] == mismatch.part[np.arange(width - 1, n, width)]
-    keep = (count > width / 2) & same
-    level = noise.level[rows]
-    return Coarse(rows[keep], sums[keep] / count[keep], level[keep] ** -2.0)
 
 
 class Unnamed(Mechanism):
@@ -451,19 +255,21 @@ def _hat_rows(u: Float1D, knots: Float1D) -> Float2D:
     return out
 
 
-def _three_folds(mismatch: Mismatch, rows: Any) -> Any:
-    fold = np.unique(mismatch.fold[rows], return_inverse=True)[1]
-    # One fold alone cannot be predicted from others: thirds of the time in its place.
-    return fold % 3 if fold.max() > 0 else 3 * np.arange(len(rows)) // len(rows)
-
-
 def _unit(factors: Sequence[tuple[str, str]]) -> str:
+    """Of a product of forms.
+
+    >>> _unit([("deg/s", "u"), ("mm²", "√|u|")])
+    '(deg/s)·mm'
+    """
     parts = []
     for unit, form in factors:
         power = _POWER[form]
         if unit == "–" or power == 0:
             continue
-        parts.append(f"({unit})" if power == 1 else f"({unit})^{power:g}")
+        if power == 0.5 and unit == "mm²":
+            parts.append("mm")
+        else:
+            parts.append(f"({unit})" if power == 1 else f"({unit})^{power:g}")
     return "·".join(parts) or "–"
 
 

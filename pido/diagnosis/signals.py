@@ -1,0 +1,93 @@
+"""Everything that a recording knows about the state, by name and with its unit.
+
+In:  the states of an axis. Out: name -> (values (n,), unit), of what a current could depend on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+
+import numpy as np
+
+from pido.core.arrays import Array1D, Bool1D, Float1D
+from pido.core.axes import LINEAR_AXES
+from pido.core.errors import DiagnosisError
+from pido.diagnosis.state import AxisState
+
+_LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut began
+
+
+def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
+    """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`.
+
+    Raises DiagnosisError where one of `names` is not known.
+    """
+    spindle = state.axis == "sp"
+    length, speed = ("deg", "deg/s") if spindle else ("mm", "mm/s")
+    a = state.axis
+    found: dict[str, tuple[Float1D | Callable[[], Float1D | None] | None, str]] = {
+        f"v_{a}": (state.v, speed),
+        f"a_{a}": (state.a, f"{speed}²"),
+        f"pos_{a}": (None if spindle else state.pos, length),
+        f"held_{a}": (state.held, "–"),
+        f"d_{a}": (state.since_reversal, length),
+        f"I_{a}": (state.sim, "A"),
+        **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
+        "feed": (lambda: _feed(state), "mm/s"),
+        **{f"f_{axis}": (force, "N") for axis, force in state.forces.items()},
+        "t_block": (lambda: _since_change(state.time, state.nc_line), "s"),
+        "t_cut": (lambda: _since_change(state.time, state.engaged, state.engaged), "s"),
+        "M_sp": (state.m_sp, "N·m"),
+        "MRR": (state.mrr, "mm³/s"),
+        "AR": (state.ar, "mm²"),
+        "coolant": (state.coolant, "–"),
+        "uptime": (state.clock if state.clock is not None else None, "s"),
+    }
+    for name, other in state.others.items():
+        if name != a:
+            found[f"v_{name}"] = (other.v, "deg/s" if name == "sp" else "mm/s")
+            found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
+    out = {}
+    for name in found if names is None else names:
+        values, unit = found.get(name, (None, ""))
+        values = values() if callable(values) else values
+        if values is not None:
+            out[name] = (_finite(np.asarray(values, float)), unit)
+        elif names is not None:
+            raise DiagnosisError(
+                f"part {state.part}: what axis {a} follows without a name depends on {name}, which this part does not "
+                "give. Add the columns that the diagnosed parts had."
+            )
+    return out
+
+
+def _feed(state: AxisState) -> Float1D | None:
+    """Speed along the path, mm/s; None with fewer than two linear axes."""
+    speeds = [o.v for name, o in state.others.items() if name in LINEAR_AXES]
+    if not speeds:
+        return None
+    return np.sqrt(sum(v**2 for v in (speeds if state.axis == "sp" else [state.v, *speeds])))
+
+
+def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = None) -> Float1D | None:
+    """s since `values` changed, at most ten; 0 outside `only`; None without values."""
+    if values is None:
+        return None
+    change = np.r_[True, values[1:] != values[:-1]]
+    since = time - time[np.maximum.accumulate(np.where(change, np.arange(len(time)), 0))]
+    return np.minimum(since, _LONG_S) * (1.0 if only is None else only)
+
+
+def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
+    """The signals that every part has and that vary, parts one after another."""
+    each = [signals(s) for s in states]
+    names = [n for n in each[0] if all(n in e for e in each)]
+    out = {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
+    return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
+
+
+def _finite(values: Float1D) -> Float1D:
+    """Unknown as zero, infinite (no reversal yet) as the largest known."""
+    known = values[np.isfinite(values)]
+    top = float(np.max(np.abs(known), initial=0.0))
+    return np.nan_to_num(values, nan=0.0, posinf=top, neginf=-top)
