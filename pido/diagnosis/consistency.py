@@ -118,7 +118,7 @@ def _position_and_speed(
         getattr(out, name)[FROZEN] = frozen
     frozen = out.pos[FROZEN] | out.v[FROZEN]
     # Spread of each signal around a step; a step between the samples i and i + 1 belongs to i + 1.
-    rough_pos, rough_v = _spread(np.where(use, moved / step, np.nan_to_num(moved / step))), _spread(v)[1:]
+    rough_pos, rough_v = _spread(moved / step), _spread(v)[1:]
     # A sample that was taken a step late, or left out, moves the position by what the speed says.
     late = np.where(rough_pos > rough_v, _LATE * np.abs(expected / step), 0.0)
     limit = usual + np.minimum(rough_pos, rough_v) + late
@@ -162,10 +162,11 @@ def _speed_and_acceleration(
     out: Contradictions, time: Float1D, steady: Bool1D, v: Float1D, a: Float1D, suspect: Bool1D, seen: bool
 ) -> None:
     """Acceleration against the change of speed; seen : the speed was already compared with a position."""
-    rate = np.gradient(np.nan_to_num(v), time)
-    off = np.where(np.isfinite(a) & np.isfinite(rate), a - rate, 0.0)
+    rate = np.gradient(v, time)  # of a sample beside a missing one there is none
+    seen_both = np.isfinite(a) & np.isfinite(rate)
+    off = np.where(seen_both, a - rate, 0.0)
     near = _grown(suspect, 2)
-    use = np.r_[True, steady] & np.r_[steady, True] & ~near
+    use = np.r_[True, steady] & np.r_[steady, True] & ~near & seen_both
     # A difference at either end of the record is one-sided.
     use[:_EDGE] = use[-_EDGE:] = False
     held = _long_runs(time, a)
@@ -182,10 +183,11 @@ def _speed_and_acceleration(
         if float(np.sqrt(np.mean(off[inner] ** 2 * use[inner]))) > usual / 1.5:
             frozen[i : j + 1] = True
     # One-sided differences: a central one smooths the shortest moves away.
-    rough_a, rough_rate = _spread(a), _spread(np.diff(np.nan_to_num(v), prepend=v[:1]) / np.median(np.diff(time)))
+    v = _filled(v)
+    rough_a, rough_rate = _spread(a), _spread(np.diff(v, prepend=v[:1]) / np.median(np.diff(time)))
     bad = (np.abs(off) > usual + np.minimum(rough_a, rough_rate)) & use & ~frozen
     spike_a, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
-    swing = np.abs(v - median_filter(np.nan_to_num(v), 2 * _REACH + 1))
+    swing = np.abs(v - median_filter(v, 2 * _REACH + 1))
     calm = np.isfinite(swing) & ~_grown(bad, _REACH)
     beyond = _FAR_BEYOND * float(np.quantile(swing[calm], 0.999)) if bad.any() and calm.any() else np.inf
     for i, j in runs(_closed(bad, 2)):
@@ -251,8 +253,17 @@ def _few(values: Float1D) -> Float1D:
 def _spread(values: Float1D) -> Float1D:
     """Largest minus smallest value within reach."""
     size = 2 * _REACH + 1
-    clean = np.nan_to_num(values)
+    clean = _filled(values)
     return maximum_filter1d(clean, size) - minimum_filter1d(clean, size)
+
+
+def _filled(values: Float1D) -> Float1D:
+    """Missing samples drawn between their neighbours; zero where there is none."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.nan_to_num(values)
+    at = np.arange(len(values))
+    return np.interp(at, at[known], values[known])
 
 
 def _calm(values: Float1D, first: int, last: int) -> float:

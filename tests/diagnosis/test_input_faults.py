@@ -48,6 +48,17 @@ def put(recording: Recording, column: str, rows: slice, values) -> Recording:
     return recording.with_columns(**{column: signal})
 
 
+@pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
+@pytest.mark.parametrize("column", ["pos_x", "v_x", "a_x"])
+def test_samples_that_are_missing_are_no_fault_of_their_neighbours(rate, column):
+    for seed in range(3):
+        recording = axis_in_motion(rate, seed)
+        lost = np.random.default_rng(seed).random(len(recording)) < 0.01
+        lost |= np.arange(len(recording)) == moving(recording, rate)
+        signal = np.where(lost, np.nan, recording[column])
+        assert input_faults(recording.with_columns(**{column: signal})) == {}
+
+
 def moving(recording: Recording, rate: float) -> int:
     """A sample in the middle of a change between two feeds."""
     far = np.abs(recording["a_x"]) > 0.5 * np.abs(recording["a_x"]).max()
