@@ -21,7 +21,9 @@ from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.terms import Gate
 
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
-_SAME_LEVEL = 0.01  # of the range of a variable: nearer values are one level
+_FINE = 16  # limits of a variable on the grid on which a single term is asked
+_SAME_LEVEL = 0.0025  # of the range of a variable: nearer values are one level
+_STAYS = 0.2  # share of the rows at exactly one value, as without a cut: how the others differ is what limits are about
 _ALONE = 1e-3  # share of a column's power in a box that must be left beside the columns before it
 _THERE = 1e-5  # share of a column's power that lies in a box in which it can be seen at all
 
@@ -32,7 +34,7 @@ Float32 = NDArray[np.float32]
 class Places:
     """Where a variable can be cut in two: halfway from each of its levels to the next, rising.
 
-    gaps : how far these two are apart; below : share of the rows that lie below
+    gaps : how far these two are apart; below : share that lies below of the rows that are not all at one value
     """
 
     limits: Float1D
@@ -42,14 +44,20 @@ class Places:
 
 def places_of(values: Float1D) -> Places:
     """Percents of the rows that differ are levels: a constant feed is one, and is not cut."""
-    percents = np.quantile(values, np.linspace(0.01, 0.99, 99))
+    shares = np.linspace(0.01, 0.99, 99)
+    percents = np.quantile(values, shares)
+    common, count = np.unique(percents, return_counts=True)
+    stays = common[count >= _STAYS * len(percents)]
+    others = values[~np.isin(values, stays)] if len(stays) else values
+    if len(stays) and len(others):
+        percents = np.sort(np.r_[stays, np.quantile(others, shares)])
     least = _SAME_LEVEL * float(np.ptp(percents))
     levels = percents[:1].tolist()
     for value in percents[1:]:
         if value - levels[-1] > least:
             levels.append(value)
     limits = (np.array(levels[1:]) + levels[:-1]) / 2
-    return Places(limits, np.diff(levels), np.searchsorted(np.sort(values), limits) / len(values))
+    return Places(limits, np.diff(levels), np.searchsorted(np.sort(others), limits) / max(len(others), 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +124,12 @@ def cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
         widest = [max(np.flatnonzero(group == g), key=lambda i: at.gaps[i]) for g in np.unique(group)]
         out[name] = at.limits[widest]
     return out
+
+
+def fine_cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
+    """So many places of each variable that one term can be asked in all boxes between them."""
+    picks = {name: np.linspace(0, len(at.limits) - 1, min(_FINE, len(at.limits))) for name, at in places.items()}
+    return {name: places[name].limits[np.round(pick).astype(int)] for name, pick in picks.items()}
 
 
 def grid_at(variables: Mapping[str, Float1D], cuts: Mapping[str, Float1D]) -> Grid:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import signal as dsp
 
 from pido.core.arrays import Float1D, Float2D
+from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.formulas import FORMS, Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
@@ -133,7 +134,7 @@ def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple
     """
     axis = mismatch.axis
     terms = []
-    for name in (f"a_{axis}", f"f_{axis}"):
+    for name in (f"a_{axis}", f"f_{axis}", *(f"a_{other}" for other in LINEAR_AXES if other != axis)):
         if name in known:
             ringing = Ringing(name, known[name][1])
             terms += [

@@ -26,6 +26,7 @@ from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.waves import Wave
 
 _GIVEN_BY = {
     "pos": "pos_{axis}",
@@ -210,6 +211,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even}
         case Bend(signal=signal, seen=seen):
             own |= {"bends": signal, "seen": list(seen)}
+        case Wave(place=place, signal=signal, form=form, unit=unit):
+            own |= {"waves": place, "signal": signal, "form": form, "unit": unit}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut):
@@ -254,6 +257,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "factors" in own:
         seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
+    if "waves" in own:
+        return Wave(str(own["waves"]), str(own["signal"]), str(own["form"]), str(own["unit"]))
     if "signal" in own:
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]))
     if "bends" in own:

@@ -15,7 +15,17 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.boxes import Float32, Grid, Places, cuts_of, gains_of_each, gains_together, grid_at, places_of
+from pido.diagnosis.boxes import (
+    Float32,
+    Grid,
+    Places,
+    cuts_of,
+    fine_cuts_of,
+    gains_of_each,
+    gains_together,
+    grid_at,
+    places_of,
+)
 from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.select import Basis, Library, Score, refine
 from pido.diagnosis.terms import Gate, Term, gate_variable
@@ -39,18 +49,19 @@ def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -
     if not variables:
         return None
     places = {v: places_of(values[library.mismatch.usable]) for v, values in variables.items()}
-    best = _best_on(grid_at(variables, cuts_of(places)), library, current, taken, places)
+    fine = grid_at(variables, fine_cuts_of(places))
+    best = _best_on(grid_at(variables, cuts_of(places)), fine, library, current, taken, places)
     if best is None:
         return None
     # Once its limits are known, other laws can be asked within the same.
     limits = {v: np.unique([_limit(g) for g in best.term.gates if g.variable == v]) for v in variables}
     same = grid_at(variables, limits)
-    again = _best_on(same, library, current, taken, places)
+    again = _best_on(same, fine, library, current, taken, places)
     return min((s for s in (best, again) if s is not None), key=_price)
 
 
 def _best_on(
-    grid: Grid, library: Library, current: Basis, taken: Collection[str], places: Mapping[str, Places]
+    grid: Grid, fine: Grid, library: Library, current: Basis, taken: Collection[str], places: Mapping[str, Places]
 ) -> Score | None:
     best: dict[str, Score] = {}
     for term in _promising(library, current, taken, grid):
@@ -58,8 +69,23 @@ def _best_on(
         if score is not None and (term.name not in best or score.bic < best[term.name].bic):
             best[term.name] = score
     nearest = heapq.nsmallest(_FINALISTS, best.values(), key=_price)
-    settled = [_settle(library, current, score, places) for score in nearest]
+    boxed = [min((score, *_in_its_box(library, current, score, fine)), key=_price) for score in nearest]
+    settled = [_settle(library, current, score, places) for score in boxed]
     return min((s for s in settled if s.term.gates), key=_price, default=None)
+
+
+def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Iterator[Score]:
+    """The same term in the box of a fine grid in which it takes away most, all limits at once."""
+    assert library.noise is not None
+    rows = library.noise.whiten(library.columns(replace(score.term, gates=())).astype(np.float32))
+    if len(rows) == 1:
+        (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
+    else:
+        gain = gains_together(fine, rows, current.residual32)
+    box = int(np.argmax(_worth(library, current, fine, gain)))
+    found = library.score(replace(score.term, gates=fine.gates(box)), current)
+    if found is not None:
+        yield found
 
 
 def _price(score: Score) -> float:
@@ -69,12 +95,9 @@ def _price(score: Score) -> float:
 
 def _promising(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[Term]:
     """The likeliest mechanisms in a few shapes, each in its best box of a grid."""
-    searched = library.charge(Term(LEVEL, gates=(Gate("AR"),))) - library.charge(Term(LEVEL))
-    limits = grid.limits * (searched + np.log(current.n) + _LIMIT_WORTH)
-    limits[grid.limits == 0] = np.inf
     ranked: dict[str, list[tuple[float, Term]]] = {}
     for term, gain in _scan(library, current, taken, grid):
-        worth = -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - limits
+        worth = _worth(library, current, grid, gain)
         box = int(np.argmax(worth))
         value = float(worth[box]) - library.charge(term) - CLEARLY * (term.name == "unknown")
         ranked.setdefault(term.name, []).append((value, replace(term, gates=grid.gates(box))))
@@ -82,6 +105,14 @@ def _promising(library: Library, current: Basis, taken: Collection[str], grid: G
     for name in names:
         for _, term in heapq.nlargest(_SHAPES, ranked[name], key=lambda r: r[0]):
             yield term
+
+
+def _worth(library: Library, current: Basis, grid: Grid, gain: Float32) -> Float1D:
+    """(boxes,) – BIC that a term which takes away `gain` brings in each box, its limits paid for; the whole is none."""
+    searched = library.charge(Term(LEVEL, gates=(Gate("AR"),))) - library.charge(Term(LEVEL))
+    limits = grid.limits * (searched + np.log(current.n) + _LIMIT_WORTH)
+    limits[grid.limits == 0] = np.inf
+    return -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - limits
 
 
 def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:

@@ -27,6 +27,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.signals import common_signals
 from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.waves import Wave, waves
 from pido.diagnosis.whiten import Noise
 
 log = logging.getLogger(__name__)
@@ -126,7 +127,7 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     few = coarse(mismatch, residual, noise)
     whole = common_signals(mismatch.states)
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
-    offered = _ranked(known, few)
+    offered = _ranked(mismatch.axis, known, few)
     late = remembering(mismatch, residual, whole)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
     scores.sort(key=lambda s: s.bic)
@@ -149,11 +150,12 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     return [best] if curve is best else [best, curve]
 
 
-def _ranked(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
-    """Formulas, peaks and bends by what each alone would take away from the coarse residual, best first."""
+def _ranked(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
+    """Formulas, peaks, bends and waves by what each alone would take away from the coarse residual, best first."""
     gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
     gains += [(gain, Term(bend)) for gain, bend in bends(known, few)]
+    gains += waves(axis, known, few)
     return [t for _, t in sorted(gains, key=lambda g: -g[0])]
 
 
@@ -227,6 +229,8 @@ def _quantities(term: Term) -> frozenset[str]:
             return frozenset(n for n, _ in factors)
         case Peak(signal=signal) | Bend(signal=signal) | Ringing(signal=signal) | Lagged(signal=signal):
             return frozenset({signal})
+        case Wave(place=place, signal=signal):
+            return frozenset({place, signal} - {""})
         case _:
             return frozenset()
 

@@ -25,11 +25,13 @@ VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
 
 
 def part(k, rows=3000):
-    """x goes to and fro in ramps of its own."""
+    """x and y go to and fro in ramps of their own."""
     rng = np.random.default_rng(k)
-    v = np.convolve(np.repeat(rng.uniform(-12, 12, rows // 50), 50), np.ones(9) / 9, "same")
     t = np.arange(rows) * STEP
-    columns = {"time": t, "v_x": v, "pos_x": np.cumsum(v) * STEP, "a_x": np.gradient(v, t)}
+    columns = {"time": t}
+    for axis in "xy":
+        v = np.convolve(np.repeat(rng.uniform(-12, 12, rows // 50), 50), np.ones(9) / 9, "same")
+        columns |= {f"v_{axis}": v, f"pos_{axis}": np.cumsum(v) * STEP, f"a_{axis}": np.gradient(v, t)}
     return Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)
 
 
@@ -61,6 +63,15 @@ def test_an_axis_that_rings_after_each_change_of_speed():
     assert term.mechanism.signal == "a_x"
     assert dict(term.shape)["f"] == pytest.approx(6.0, rel=0.01)
     assert dict(term.shape)["zeta"] == pytest.approx(0.05, rel=0.2)
+
+
+def test_an_axis_that_rings_after_changes_of_another():
+    w, zeta = 2 * np.pi * 4.0, 0.06
+    system = signal.StateSpace([[0, 1], [-w * w, -2 * zeta * w]], [[0], [1]], [[w * w, 0]], [[0]])
+    term = found_in(lambda s: signal.lsim(system, s.others["y"].a, s.time)[1] - s.others["y"].a)
+    assert isinstance(term.mechanism, Ringing)
+    assert term.mechanism.signal == "a_y"
+    assert dict(term.shape)["f"] == pytest.approx(4.0, rel=0.02)
 
 
 def test_a_current_that_follows_a_speed_late():

@@ -98,6 +98,17 @@ def test_an_effect_in_a_box_is_named_and_placed_there(name):
     assert overlap(term, box, law, mismatch) > 0.8
 
 
+def test_a_box_with_limits_on_both_sides_is_found_with_all_of_them():
+    def box(s):
+        return (np.abs(s.v) < 14.0) & (s.ar > 6.0) & (s.ar < 26.0)
+
+    answer, mismatch = answer_of(lambda s: 0.02 * s.v * box(s), 4, 25.0, 0.5)
+    (term,) = answer.terms
+    assert term.mechanism.id == "viscous_friction"
+    assert overlap(term, box, lambda s: s.v, mismatch) > 0.8
+    assert {(g.variable, np.isfinite(g.low)) for g in term.gates} >= {("AR", True), ("AR", False)}
+
+
 RARE = {
     "cutting_force": (lambda s: 0.0006 * s.force, lambda s: (s.v < -8.0) & (other(s) > 8.0)),
     "viscous_friction": (lambda s: 0.0056 * s.v, lambda s: (s.v > 8.0) & (other(s) > 8.0)),

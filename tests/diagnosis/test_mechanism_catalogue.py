@@ -144,3 +144,19 @@ def test_an_edge_turns_the_spindle_with_the_lever_of_its_tool():
     form = {"along": 2.0, "length": 1.0}
     assert units(edge, form, "sp") == {"K_e": "A/mm²"}
     assert units(edge, form, "x") == {"K_e": "A/mm"}
+
+
+def test_a_tool_that_plunges_cuts_with_its_end():
+    one = recording()
+    about = one.part.model_dump(mode="json") | {
+        "tools": {"1": {"diameter_mm": 6.0}},
+        "tool_changes": [{"t": 0.0, "tool_id": 1}],
+        "operations": [{"nc_line": 1, "a_p": 0.5}],
+    }
+    n = len(one)
+    still, down = np.zeros(n), np.where(one.time < 10.0, -2.0, 0.0)
+    columns = {**one.columns, "v_x": 1.0 - (down != 0), "v_y": still, "v_z": down}
+    columns |= {f"a_{a}": still for a in "xyz"} | {"nc_line": still + 1}
+    state = axis_state(Recording(PartInfo.model_validate(about), columns), "x")
+    np.testing.assert_array_equal(state.edge_length[one.time < 9.9], 3.0)
+    np.testing.assert_array_equal(state.edge_length[one.time > 10.1], 0.5)

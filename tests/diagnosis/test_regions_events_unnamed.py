@@ -20,6 +20,7 @@ from pido.diagnosis.select import MOST_TERMS, Library, basis, grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.waves import Wave
 from pido.diagnosis.whiten import Noise, estimate_noise
 
 NOISE = 0.05
@@ -269,6 +270,20 @@ def test_a_spring_about_a_place_is_one_unknown_and_not_a_level_beside_a_wave():
     model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2, 0.3]),))
     (again,) = axis_models(as_json({"x": model}))["x"].terms
     assert again == term
+
+
+@pytest.mark.parametrize(
+    ("carrier", "signal", "form"),
+    [(lambda s: s.v, "v_x", "u"), (lambda s: np.sign(s.v), "v_x", "sgn u"), (lambda s: np.ones(len(s.v)), "", "u")],
+)
+def test_a_friction_that_varies_along_another_axis_is_a_wave_of_the_right_length(carrier, signal, form):
+    size = 0.1 / max(abs(carrier(s)).max() for s in axis_states(list(recordings()), "x"))
+    mismatch, noise = laid_out(lambda s: size * carrier(s) * np.cos(s.places["y"] / 1.3 + 0.4))
+    (term,), _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
+    assert term.mechanism == Wave("pos_y", signal, form, "mm/s" if form == "u" and signal else "–")
+    assert dict(term.shape)["L"] == pytest.approx(2 * np.pi * 1.3, rel=0.01)
+    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2]),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)
 
 
 def test_a_faint_law_without_a_name_counts_by_its_own_size_and_not_by_the_noise():

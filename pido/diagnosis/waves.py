@@ -1,0 +1,118 @@
+"""Loads and frictions that are periodic along a travel, of this axis or of another: a model without a name.
+
+In:  the residual of one axis as averages, and the quantities that could carry a wave.
+Out: `Wave` terms worth a closer look, their periods read from the residual itself.
+Source: least-squares spectral analysis (Lomb 1976; Scargle 1982), over a place in place of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.flexible import Coarse
+from pido.diagnosis.formulas import FORMS, Unnamed, in_symbols
+from pido.diagnosis.mechanisms.base import Parameter
+from pido.diagnosis.signals import signals
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.terms import Term
+
+_SHORTEST_MM = 4.0  # pitch of the finest ball screws
+_PER_WAVE = 4  # wave numbers tried per independent one
+_MOST = 1_200  # wave numbers of one travel
+
+
+@dataclass(frozen=True)
+class Wave(Unnamed):
+    """dI = (k_s sin(2 pi s / L) + k_c cos(2 pi s / L)) * p(u) over a place s; without a signal p(u) = 1."""
+
+    place: str
+    signal: str
+    form: str
+    unit: str
+
+    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("L", "mm", low=0.0, scale="log"),)
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        wave = f"(k_s sin(2 pi {self.place} / L) + k_c cos(2 pi {self.place} / L))"
+        return f"dI = {wave} * {in_symbols(self.signal, self.form)}" if self.signal else f"dI = {wave}"
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        per = f"A/({self.unit})" if self.unit != "–" else "A"
+        return Parameter("k_s", per), Parameter("k_c", per)
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        known = signals(state, [n for n in (self.place, self.signal) if n])
+        angle = 2 * np.pi * known[self.place][0] / shape["L"]
+        rows = np.column_stack([np.sin(angle), np.cos(angle)])
+        return rows * FORMS[self.form](known[self.signal][0])[:, None] if self.signal else rows
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        own = f", with {self.signal}" if self.signal else ""
+        return f"in waves of {shape['L']:.3g} mm along {self.place}{own}", ()
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        far = 0.5 / max(self._waves(shape["L"], states), 1.0)
+        return shape["L"] * (1 - far), shape["L"] / (1 - far)
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The period a step away, in hundredths of itself."""
+        return {"L": float(shape["L"] * np.exp(0.01 * by[0]))}
+
+    def _waves(self, period: float, states: Sequence[AxisState]) -> float:
+        places = [signals(s, [self.place])[self.place][0] for s in states]
+        return (max(p.max() for p in places) - min(p.min() for p in places)) / period
+
+
+def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Term]]:
+    """The best period of every travel and carrier, each with what it would take away by itself.
+
+    known : signals in the rows of `few`
+    """
+    found = []
+    for place in (n for n in known if n.startswith("pos_")):
+        s = known[place][0]
+        travel = float(np.ptp(s))
+        numbers = np.arange(1.0, travel / _SHORTEST_MM, 1 / _PER_WAVE)[:_MOST] / travel
+        carriers = _carriers(axis, known, place)
+        if not len(numbers) or not carriers:
+            continue
+        rows = np.array([FORMS[form](known[name][0]) if name else np.ones(len(s)) for name, form in carriers])
+        rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
+        gain = np.array([_gains(rows, s, k, few) for k in 2 * np.pi * numbers]).T
+        for (name, form), own in zip(carriers, gain, strict=True):
+            best = int(np.argmax(own))
+            unit = known[name][1] if name and form != "sgn u" else "–"
+            found.append((float(own[best]), Term(Wave(place, name, form, unit), (("L", float(1 / numbers[best])),))))
+    return found
+
+
+def _carriers(axis: str, known: Mapping[str, tuple[Float1D, str]], place: str) -> list[tuple[str, str]]:
+    """(signal, form): a wave by itself, and of friction along the axis and of the loads on it. Over the axis' own place
+    the catalogue has the first two."""
+    named = place == f"pos_{axis}"
+    offered = [
+        *([] if named else [("", "u"), (f"v_{axis}", "sgn u")]),
+        (f"v_{axis}", "u"),
+        (f"f_{axis}", "u"),
+        ("M_sp", "u"),
+    ]
+    return [(name, form) for name, form in offered[2 * named :] if not name or name in known]
+
+
+def _gains(rows: Float2D, place: Float1D, number: float, few: Coarse) -> Float1D:
+    """(k,) – what sine and cosine of `number` (rad/mm) times each of `rows` (k, m) take away together."""
+    turning = np.exp(1j * number * place)
+    inner = (rows * (few.weights * few.values)) @ turning
+    size = rows**2 * few.weights
+    whole, twice = size.sum(axis=1), size @ turning**2
+    # Normal equations of cosine and sine: half of (whole + Re, Im; Im, whole - Re).
+    det = np.maximum(whole**2 - np.abs(twice) ** 2, 1e-9 * whole**2 + 1e-300)
+    b, c = inner.real, inner.imag
+    return 2 * ((whole - twice.real) * b**2 - 2 * twice.imag * b * c + (whole + twice.real) * c**2) / det
