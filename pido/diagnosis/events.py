@@ -177,10 +177,11 @@ def _unlike_others(
     by_outside = {interval: scatter(interval, outside) for interval in found}
     left, kept = list(found), []
     while left:
-        by = [s if (s := by_outside[each]) <= _AS_MODELLED else scatter(each, free) for each in left]
-        height = [abs(residual[i:j].sum()) / np.sqrt(j - i) for _, i, j in left]
-        best = int(np.argmax(np.array(height) / np.maximum(by, np.finfo(float).tiny)))
-        if height[best] <= times * by[best]:
+        by = np.array([s if (s := by_outside[each]) <= _AS_MODELLED else scatter(each, free) for each in left])
+        height = np.array([abs(residual[i:j].sum()) / np.sqrt(j - i) for _, i, j in left])
+        ratio = np.divide(height, by, out=np.full(len(left), np.inf), where=by > 0)
+        best = int(np.argmax(ratio))
+        if ratio[best] <= times:
             break
         kept.append(left.pop(best))
         free[kept[-1][1] : kept[-1][2]] = False
