@@ -37,7 +37,8 @@ _SHAPES = 3  # of a mechanism that are scored in their best box
 _NAMES = 6  # mechanisms that are scored
 _FINALISTS = 3  # mechanisms whose limits and shape are moved
 _ROUNDS = 4
-_STEPS = (-6, -4, -2, -1, 0, 1, 2, 4, 6)  # places by which a limit is moved
+_STEPS = (-12, -6, -3, -1, 0, 1, 3, 6, 12)  # places by which a limit is moved
+_WITHIN = np.array([-0.4, -0.2, 0.2, 0.4])  # of the gap between two levels, by which a limit there is moved
 _REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where, not to how fast
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
 _CHUNK = 32  # terms looked at at a time
@@ -68,9 +69,8 @@ def _best_on(
         score = library.score(term, current)
         if score is not None and (term.name not in best or score.bic < best[term.name].bic):
             best[term.name] = score
-    nearest = heapq.nsmallest(_FINALISTS, best.values(), key=_price)
-    boxed = [min((score, *_in_its_box(library, current, score, fine)), key=_price) for score in nearest]
-    settled = [_settle(library, current, score, places) for score in boxed]
+    boxed = [min((score, *_in_its_box(library, current, score, fine)), key=_price) for score in best.values()]
+    settled = [_settle(library, current, s, places) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
     return min((s for s in settled if s.term.gates), key=_price, default=None)
 
 
@@ -179,9 +179,10 @@ def _sharpen(library: Library, current: Basis, score: Score, places: Mapping[str
     """Each limit moved to where it fits best near by."""
     best = score
     for k, gate in enumerate(score.term.gates):
-        limits = places[gate.variable].limits
-        here = int(np.argmin(np.abs(limits - _limit(gate))))
-        for value in limits[[at for by in _STEPS if 0 <= (at := here + by) < len(limits)]]:
+        at = places[gate.variable]
+        here = int(np.argmin(np.abs(at.limits - _limit(gate))))
+        near = at.limits[[i for by in _STEPS if 0 <= (i := here + by) < len(at.limits)]]
+        for value in np.r_[near, at.limits[here] + at.gaps[here] * _WITHIN]:
             moved = replace(gate, **{"low" if np.isfinite(gate.low) else "high": float(value)})
             gates = (*best.term.gates[:k], moved, *best.term.gates[k + 1 :])
             found = library.score(replace(best.term, gates=gates), current)
