@@ -62,7 +62,7 @@ class EdgeForce(Mechanism):
     id = "edge_force"
     equation = (
         "dI = K_e * b while engaged, along the feed or the process force, at the spindle times the tool's radius; "
-        "b = 1, a_p, or a_p * teeth in cut"
+        "b = 1, a_p (in a plunge that radius), or that length * teeth in cut"
     )
     amplitudes = (Parameter("K_e", "A, per mm or mm²"),)
     shape = (choice("along", 4), choice("length", 3))
