@@ -51,7 +51,8 @@ class AxisState:
     segment : number of reversals so far
     force, force_perp : N, process force along the axis and across it; forces : N, along every axis that has one
     m_sp : N·m; mrr : mm³/s; ar : mm²
-    engaged : the tool cuts; edge_length : mm, engaged length of an edge where the operations give the depth of cut
+    engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it; end_length : mm, the
+        same, in a plunge the radius of the tool, which then cuts with its end
     teeth_in_cut : mean number of teeth that are in the material at once; tool_radius : mm
     cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
     clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
@@ -83,6 +84,7 @@ class AxisState:
     ar: Float1D | None = None
     engaged: Bool1D | None = None
     edge_length: Float1D | None = None
+    end_length: Float1D | None = None
     teeth_in_cut: Float1D | None = None
     tool_radius: Float1D | None = None
     coolant: Float1D | None = None
@@ -190,7 +192,8 @@ def _state(
         mrr=mrr,
         ar=ar,
         engaged=engaged,
-        edge_length=_edge_length(depth, radius, {**motions, axis: own}),
+        edge_length=depth,
+        end_length=_end_length(depth, radius, {**motions, axis: own}),
         teeth_in_cut=_teeth_in_cut(recording, tool, radius, ar, depth),
         tool_radius=radius,
         coolant=c if (c := _numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
@@ -292,8 +295,8 @@ def _area_removal(mrr: Float1D | None, own: Motion, others: Mapping[str, Motion]
     return np.where(speed > _LINEAR_DEAD_BAND, mrr / np.maximum(speed, _LINEAR_DEAD_BAND), 0.0)
 
 
-def _edge_length(depth: Float1D | None, radius: Float1D | None, moved: Mapping[str, Motion]) -> Float1D | None:
-    """The axial depth of cut; where the tool goes mainly along its axis, it cuts with its end: its radius."""
+def _end_length(depth: Float1D | None, radius: Float1D | None, moved: Mapping[str, Motion]) -> Float1D | None:
+    """The axial depth of cut; where the tool goes mainly along its axis, its radius."""
     if depth is None or radius is None or any(a not in moved for a in LINEAR_AXES):
         return depth
     plunges = np.abs(moved["z"].v) > np.maximum(np.hypot(moved["x"].v, moved["y"].v), _LINEAR_DEAD_BAND)

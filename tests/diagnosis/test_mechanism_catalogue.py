@@ -158,5 +158,9 @@ def test_a_tool_that_plunges_cuts_with_its_end():
     columns = {**one.columns, "v_x": 1.0 - (down != 0), "v_y": still, "v_z": down}
     columns |= {f"a_{a}": still for a in "xyz"} | {"nc_line": still + 1}
     state = axis_state(Recording(PartInfo.model_validate(about), columns), "x")
-    np.testing.assert_array_equal(state.edge_length[one.time < 9.9], 3.0)
-    np.testing.assert_array_equal(state.edge_length[one.time > 10.1], 0.5)
+    np.testing.assert_array_equal(state.end_length[one.time < 9.9], 3.0)
+    np.testing.assert_array_equal(state.end_length[one.time > 10.1], 0.5)
+    np.testing.assert_array_equal(state.edge_length, 0.5)
+    edge = next(m for m in CATALOGUE if m.id == "edge_force")
+    assert {s["length"] for s in edge.starts([state])} == {0.0, 1.0, 2.0, 3.0}
+    assert {s["length"] for s in edge.starts([axis_state(one, "x")])} == {0.0, 1.0, 2.0}

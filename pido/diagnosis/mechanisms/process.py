@@ -56,16 +56,17 @@ class EdgeForce(Mechanism):
 
     along : 0 constant, 1 sign of the motion, 2 share of the feed, 3 direction of the process force; at the spindle 0
         constant, 1 sign of its motion, 2 that at the lever of the tool's radius
-    length : 0 as often as the tool is engaged, 1 axial depth of cut, 2 that times the mean number of teeth in cut
+    length : 0 as often as the tool is engaged, 1 axial depth of cut, 2 that times the mean number of teeth in cut,
+        3 the same with the tool's radius for the depth of a plunge, which cuts with the end of the tool
     """
 
     id = "edge_force"
     equation = (
         "dI = K_e * b while engaged, along the feed or the process force, at the spindle times the tool's radius; "
-        "b = 1, a_p (in a plunge that radius), or that length * teeth in cut"
+        "b = 1, a_p, or a_p * teeth in cut, in a plunge with that radius for a_p"
     )
     amplitudes = (Parameter("K_e", "A, per mm or mm²"),)
-    shape = (choice("along", 4), choice("length", 3))
+    shape = (choice("along", 4), choice("length", 4))
     summary = "{axis} axis, whenever the tool is engaged, however thin the chip"
     follows_from = ("engaged", "force", "edge_length", "tool_radius", "ar")
 
@@ -75,6 +76,15 @@ class EdgeForce(Mechanism):
             return nothing(state)
         return column(edge * state.engaged * side)
 
+    def starts(self, states):
+        ends = any(
+            s.end_length is not None
+            and s.edge_length is not None
+            and not np.array_equal(s.end_length, s.edge_length, equal_nan=True)
+            for s in states
+        )
+        return tuple(shape for shape in super().starts(states) if ends or shape["length"] < 3)
+
     def needs(self, states):
         return engages(states)
 
@@ -83,9 +93,10 @@ def _edge(state: AxisState, length: int) -> Float1D | None:
     """(n,), mm or 1 – edge in the material."""
     if length == 0:
         return np.ones(len(state.time))
-    if state.edge_length is None or (length == 2 and state.teeth_in_cut is None):
+    length_in_cut = state.edge_length if length < 3 or state.end_length is None else state.end_length
+    if length_in_cut is None or (length > 1 and state.teeth_in_cut is None):
         return None
-    edge = np.nan_to_num(state.edge_length)
+    edge = np.nan_to_num(length_in_cut)
     return edge if length == 1 or state.teeth_in_cut is None else edge * np.nan_to_num(state.teeth_in_cut)
 
 
