@@ -53,7 +53,7 @@ class Formula(Unnamed):
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        return " * ".join(["dI = k", *(in_symbols(s, f) for s, f in self.factors)])
+        return " * ".join(["dI = k", *(_written(s, f) for s, f in self.factors)])
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -273,8 +273,7 @@ def _unit(factors: Sequence[tuple[str, str]]) -> str:
     return "·".join(parts) or "–"
 
 
-def in_symbols(signal: str, form: str) -> str:
-    """A form of a signal as it is written in an equation."""
+def _written(signal: str, form: str) -> str:
     return (
         form.replace("sgn u", f"sgn({signal})").replace("|u|", f"|{signal}|").replace("u", signal, 1)
         if (form not in ("u|u|", "√|u| sgn u"))

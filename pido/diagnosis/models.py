@@ -211,8 +211,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even}
         case Bend(signal=signal, seen=seen):
             own |= {"bends": signal, "seen": list(seen)}
-        case Wave(place=place, signal=signal, form=form, unit=unit):
-            own |= {"waves": place, "signal": signal, "form": form, "unit": unit}
+        case Wave(place=place, signal=signal, unit=unit):
+            own |= {"waves": place, "signal": signal, "unit": unit}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut):
@@ -258,7 +258,7 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "waves" in own:
-        return Wave(str(own["waves"]), str(own["signal"]), str(own["form"]), str(own["unit"]))
+        return Wave(str(own["waves"]), str(own["signal"]), str(own["unit"]))
     if "signal" in own:
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]))
     if "bends" in own:

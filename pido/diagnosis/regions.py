@@ -69,13 +69,13 @@ def _best_on(
         score = library.score(term, current)
         if score is not None and (term.name not in best or score.bic < best[term.name].bic):
             best[term.name] = score
-    boxed = [min((score, *_in_its_box(library, current, score, fine)), key=_price) for score in best.values()]
+    boxed = [_in_its_box(library, current, score, fine) for score in best.values()]
     settled = [_settle(library, current, s, places) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
     return min((s for s in settled if s.term.gates), key=_price, default=None)
 
 
-def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Iterator[Score]:
-    """The same term in the box of a fine grid in which it takes away most, all limits at once."""
+def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Score:
+    """The same term in the box of a fine grid in which it takes away most, all limits at once, if that is better."""
     assert library.noise is not None
     rows = library.noise.whiten(library.columns(replace(score.term, gates=())).astype(np.float32))
     if len(rows) == 1:
@@ -84,8 +84,7 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> I
         gain = gains_together(fine, rows, current.residual32)
     box = int(np.argmax(_worth(library, current, fine, gain)))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
-    if found is not None:
-        yield found
+    return score if found is None else min(score, found, key=_price)
 
 
 def _price(score: Score) -> float:

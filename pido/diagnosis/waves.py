@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
-from pido.diagnosis.formulas import FORMS, Unnamed, in_symbols
+from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState
@@ -28,11 +28,10 @@ _MOST = 1_200  # wave numbers of one travel
 
 @dataclass(frozen=True)
 class Wave(Unnamed):
-    """dI = (k_s sin(2 pi s / L) + k_c cos(2 pi s / L)) * p(u) over a place s; without a signal p(u) = 1."""
+    """dI = (k_s sin(2 pi s / L) + k_c cos(2 pi s / L)) * u over a place s; without a signal u = 1."""
 
     place: str
     signal: str
-    form: str
     unit: str
 
     shape: ClassVar[tuple[Parameter, ...]] = (Parameter("L", "mm", low=0.0, scale="log"),)
@@ -40,7 +39,7 @@ class Wave(Unnamed):
     @property
     def equation(self) -> str:  # type: ignore[override]
         wave = f"(k_s sin(2 pi {self.place} / L) + k_c cos(2 pi {self.place} / L))"
-        return f"dI = {wave} * {in_symbols(self.signal, self.form)}" if self.signal else f"dI = {wave}"
+        return f"dI = {wave} * {self.signal}" if self.signal else f"dI = {wave}"
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -51,7 +50,7 @@ class Wave(Unnamed):
         known = signals(state, [n for n in (self.place, self.signal) if n])
         angle = 2 * np.pi * known[self.place][0] / shape["L"]
         rows = np.column_stack([np.sin(angle), np.cos(angle)])
-        return rows * FORMS[self.form](known[self.signal][0])[:, None] if self.signal else rows
+        return rows * known[self.signal][0][:, None] if self.signal else rows
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         own = f", with {self.signal}" if self.signal else ""
@@ -83,27 +82,21 @@ def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> l
         carriers = _carriers(axis, known, place)
         if not len(numbers) or not carriers:
             continue
-        rows = np.array([FORMS[form](known[name][0]) if name else np.ones(len(s)) for name, form in carriers])
+        rows = np.array([known[name][0] if name else np.ones(len(s)) for name in carriers])
         rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
         gain = np.array([_gains(rows, s, k, few) for k in 2 * np.pi * numbers]).T
-        for (name, form), own in zip(carriers, gain, strict=True):
+        for name, own in zip(carriers, gain, strict=True):
             best = int(np.argmax(own))
-            unit = known[name][1] if name and form != "sgn u" else "–"
-            found.append((float(own[best]), Term(Wave(place, name, form, unit), (("L", float(1 / numbers[best])),))))
+            wave = Wave(place, name, known[name][1] if name else "–")
+            found.append((float(own[best]), Term(wave, (("L", float(1 / numbers[best])),))))
     return found
 
 
-def _carriers(axis: str, known: Mapping[str, tuple[Float1D, str]], place: str) -> list[tuple[str, str]]:
-    """(signal, form): a wave by itself, and of friction along the axis and of the loads on it. Over the axis' own place
-    the catalogue has the first two."""
-    named = place == f"pos_{axis}"
-    offered = [
-        *([] if named else [("", "u"), (f"v_{axis}", "sgn u")]),
-        (f"v_{axis}", "u"),
-        (f"f_{axis}", "u"),
-        ("M_sp", "u"),
-    ]
-    return [(name, form) for name, form in offered[2 * named :] if not name or name in known]
+def _carriers(axis: str, known: Mapping[str, tuple[Float1D, str]], place: str) -> list[str]:
+    """Signals: none, for a wave by itself; a friction along the axis; the loads on it. Over the axis' own place the
+    catalogue has a wave by itself and that of Coulomb's friction."""
+    own = ("", f"held_{axis}") if place != f"pos_{axis}" else ()
+    return [name for name in (*own, f"v_{axis}", f"f_{axis}", "M_sp") if not name or name in known]
 
 
 def _gains(rows: Float2D, place: Float1D, number: float, few: Coarse) -> Float1D:

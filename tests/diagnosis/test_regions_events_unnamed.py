@@ -273,14 +273,19 @@ def test_a_spring_about_a_place_is_one_unknown_and_not_a_level_beside_a_wave():
 
 
 @pytest.mark.parametrize(
-    ("carrier", "signal", "form"),
-    [(lambda s: s.v, "v_x", "u"), (lambda s: np.sign(s.v), "v_x", "sgn u"), (lambda s: np.ones(len(s.v)), "", "u")],
+    ("place", "carrier", "signal"),
+    [
+        ("y", lambda s: s.v, "v_x"),
+        ("y", lambda s: s.held, "held_x"),
+        ("y", lambda s: np.ones(len(s.v)), ""),
+        ("x", lambda s: s.v, "v_x"),
+    ],
 )
-def test_a_friction_that_varies_along_another_axis_is_a_wave_of_the_right_length(carrier, signal, form):
+def test_a_load_that_is_periodic_along_an_axis_is_a_wave_of_the_right_length(place, carrier, signal):
     size = 0.1 / max(abs(carrier(s)).max() for s in axis_states(list(recordings()), "x"))
-    mismatch, noise = laid_out(lambda s: size * carrier(s) * np.cos(s.places["y"] / 1.3 + 0.4))
+    mismatch, noise = laid_out(lambda s: size * carrier(s) * np.cos(s.places[place] / 1.3 + 0.4))
     (term,), _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
-    assert term.mechanism == Wave("pos_y", signal, form, "mm/s" if form == "u" and signal else "–")
+    assert term.mechanism == Wave(f"pos_{place}", signal, "mm/s" if signal == "v_x" else "–")
     assert dict(term.shape)["L"] == pytest.approx(2 * np.pi * 1.3, rel=0.01)
     model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2]),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)
