@@ -100,9 +100,11 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
         answer.notes.append(note)
     if terms != former and not isinstance(noise, Averaged):
         noise = noise_of(mismatch, noise, terms)
-    terms = plainest(library, noise, terms)
+    wordy, terms = terms, plainest(library, noise, terms)
     offered, terms = terms, confirm(library, noise, terms, answer, questions)
     if len(terms) < len(offered):
+        # In plain words they may not stand up beside one another where in their own they did.
+        terms = terms if wordy == offered else _retried(library, noise, wordy, terms, answer, questions)
         # What fell may have hidden what is simple, or stood for something that no name of the catalogue says.
         simple = plainest(library, noise, by_error(library, terms, questions))
         library.whiten(noise)
