@@ -17,13 +17,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pido.core.arrays import Float1D, Int1D
+from pido.core.arrays import Bool1D, Float1D, Int1D
 from pido.diagnosis.terms import Gate
 
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
 _FINE = 16  # limits of a variable on the grid on which a single term is asked
-_SAME_LEVEL = 0.0025  # of the range of a variable: nearer values are one level
-_STAYS = 0.2  # share of the rows at exactly one value, as without a cut: how the others differ is what limits are about
+_SAME_LEVEL = 0.01  # of the range of a variable: nearer values are one level
+_SAME_AREA = 0.0025  # the same of AR, which reaches from a finishing cut to a hole
 _ALONE = 1e-3  # share of a column's power in a box that must be left beside the columns before it
 _THERE = 1e-5  # share of a column's power that lies in a box in which it can be seen at all
 
@@ -34,7 +34,7 @@ Float32 = NDArray[np.float32]
 class Places:
     """Where a variable can be cut in two: halfway from each of its levels to the next, rising.
 
-    gaps : how far these two are apart; below : share that lies below of the rows that are not all at one value
+    gaps : how far these two are apart; below : share of the rows that lie below, of AR while the tool cuts
     """
 
     limits: Float1D
@@ -43,21 +43,28 @@ class Places:
 
 
 def places_of(values: Float1D) -> Places:
-    """Half percents of the rows that differ are levels: a constant feed is one, and is not cut."""
-    shares = np.linspace(0.005, 0.995, 199)
-    percents = np.quantile(values, shares)
-    common, count = np.unique(percents, return_counts=True)
-    stays = common[count >= _STAYS * len(percents)]
-    others = values[~np.isin(values, stays)] if len(stays) else values
-    if len(stays) and len(others):
-        percents = np.sort(np.r_[stays, np.quantile(others, shares)])
-    least = _SAME_LEVEL * float(np.ptp(percents))
-    levels = percents[:1].tolist()
-    for value in percents[1:]:
+    """Percents of the rows that differ are levels: a constant feed is one, and is not cut."""
+    return _between(np.quantile(values, np.linspace(0.01, 0.99, 99)), values, _SAME_LEVEL)
+
+
+def places_of_area(values: Float1D) -> Places:
+    """The same of a removed area, which is none in the air: limits are about how it differs while the tool cuts."""
+    cutting = values[values > 0]
+    if len(cutting) == 0:
+        return places_of(values)
+    half_percents = np.quantile(cutting, np.linspace(0.005, 0.995, 199))
+    return _between(np.r_[np.zeros(int(len(cutting) < len(values))), half_percents], cutting, _SAME_AREA)
+
+
+def _between(ranked: Float1D, rows: Float1D, same: float) -> Places:
+    """Halfway between values that are further apart than a share of their range."""
+    least = same * float(np.ptp(ranked))
+    levels = ranked[:1].tolist()
+    for value in ranked[1:]:
         if value - levels[-1] > least:
             levels.append(value)
     limits = (np.array(levels[1:]) + levels[:-1]) / 2
-    return Places(limits, np.diff(levels), np.searchsorted(np.sort(others), limits) / max(len(others), 1))
+    return Places(limits, np.diff(levels), np.searchsorted(np.sort(rows), limits) / len(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +121,11 @@ class Grid:
             if last < len(cuts):
                 out.append(Gate(variable, high=float(cuts[last])))
         return tuple(out)
+
+
+def places_in(variables: Mapping[str, Float1D], rows: Bool1D) -> dict[str, Places]:
+    """The places of v_x, v_y and AR in these rows."""
+    return {v: (places_of_area if v == "AR" else places_of)(x[rows]) for v, x in variables.items()}
 
 
 def cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:

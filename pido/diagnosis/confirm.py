@@ -24,7 +24,6 @@ from pido.diagnosis.whiten import Noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 _DRAWS = 400
-_FEWEST_BLOCKS = 4.0  # that carry the information: fewer may be one event, however large beside what all others scatter
 _MANY_BLOCKS = 30  # beyond which Student's t of their number is nearly normal
 _MERGED = (1, 4, 16)  # blocks that count as one observation
 _FEWEST_UNITS = 6  # observations to resample
@@ -49,10 +48,10 @@ def whitened(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Whitene
     )
 
 
-def p_value(model: Whitened, which: int, block: Int1D, pooled: bool = False) -> float:
+def p_value(model: Whitened, which: int, block: Int1D, pooled: bool = False, least: float = 0.0) -> float:
     """Two-sided p of one term given all others: the larger of the classical F test and the block-robust Wald test.
 
-    pooled : where few blocks speak for the term, all blocks say how far their sums scatter
+    pooled : where few blocks speak for the term, but at least so many, all blocks say how far their sums scatter
     """
     own = model.spans[which]
     others = np.delete(model.X, np.r_[own], axis=0)
@@ -76,7 +75,7 @@ def p_value(model: Whitened, which: int, block: Int1D, pooled: bool = False) -> 
     cover = bread @ meat @ bread
     wald = float(beta @ np.linalg.pinv(cover, rcond=1e-9) @ beta) / k
     robust = float(stats.f.sf(wald, k, max(1.0, effective - 1.0)))
-    if pooled and _FEWEST_BLOCKS <= effective < _MANY_BLOCKS:
+    if pooled and least <= effective < _MANY_BLOCKS:
         # A variance of few blocks is hardly known. What all blocks say of it is: how far their sums scatter beyond what
         # independent rows would. The larger of the two stands, with the certainty of all blocks.
         rows = np.maximum(np.bincount(block, model.y != 0), 1)

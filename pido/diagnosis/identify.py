@@ -55,6 +55,7 @@ SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existe
 LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by which one confined to a box must beat it
 MORE_REMOVED = 0.1  # of what the terms remove on unseen folds, that others must remove beyond it to replace them
+_IN_A_BOX = 4.0  # blocks: what is there in fewer of them may be one event, which a box was drawn around
 _OWN = 0.5  # of the level of an interval that the state does not predict: it is a force by itself
 _CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
 
@@ -332,7 +333,8 @@ def confirm(
         both = [whitened(mismatch, n, terms) for n in (noise, even(mismatch))]
         # Blocks that differ tell what only mends the form of others, or was made up from what they leave.
         alone = len(terms) == 1 and (bool(terms[0].gates) or terms[0].name != "unknown")
-        p = [2 * min(p_value(model, i, mismatch.block, alone) for model in both) for i in range(len(terms))]
+        least = _IN_A_BOX if terms[0].gates else 0.0
+        p = [2 * min(p_value(model, i, mismatch.block, alone, least) for model in both) for i in range(len(terms))]
         tried = [min(1.0, v * _claims(library, t)) for v, t in zip(p, terms, strict=True)]
         q = q_values(tried, questions)
         worst = int(np.argmax(q))

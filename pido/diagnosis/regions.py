@@ -24,7 +24,7 @@ from pido.diagnosis.boxes import (
     gains_of_each,
     gains_together,
     grid_at,
-    places_of,
+    places_in,
 )
 from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.select import Basis, Library, Score, refine
@@ -49,7 +49,7 @@ def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -
     variables = {v: values for v in VARIABLES if (values := _values(library, v)) is not None}
     if not variables:
         return None
-    places = {v: places_of(values[library.mismatch.usable]) for v, values in variables.items()}
+    places = places_in(variables, library.mismatch.usable)
     fine = grid_at(variables, fine_cuts_of(places))
     best = _best_on(grid_at(variables, cuts_of(places)), fine, library, current, taken, places)
     if best is None:
