@@ -82,7 +82,7 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> S
         (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
     else:
         gain = gains_together(fine, rows, current.residual32)
-    box = int(np.argmax(_worth(library, current, fine, gain)))
+    box = int(np.argmax(_worth(current, gain, _charge_of_limits(library, current, fine))))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
     return score if found is None else min(score, found, key=_price)
 
@@ -94,9 +94,10 @@ def _price(score: Score) -> float:
 
 def _promising(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[Term]:
     """The likeliest mechanisms in a few shapes, each in its best box of a grid."""
+    limits = _charge_of_limits(library, current, grid)
     ranked: dict[str, list[tuple[float, Term]]] = {}
     for term, gain in _scan(library, current, taken, grid):
-        worth = _worth(library, current, grid, gain)
+        worth = _worth(current, gain, limits)
         box = int(np.argmax(worth))
         value = float(worth[box]) - library.charge(term) - CLEARLY * (term.name == "unknown")
         ranked.setdefault(term.name, []).append((value, replace(term, gates=grid.gates(box))))
@@ -106,11 +107,16 @@ def _promising(library: Library, current: Basis, taken: Collection[str], grid: G
             yield term
 
 
-def _worth(library: Library, current: Basis, grid: Grid, gain: Float32) -> Float1D:
-    """(boxes,) – BIC that a term which takes away `gain` brings in each box, its limits paid for; the whole is none."""
+def _charge_of_limits(library: Library, current: Basis, grid: Grid) -> Float1D:
+    """(boxes,) – BIC that the limits of each box have to bring; inf of the one that is all of the space."""
     searched = library.charge(Term(LEVEL, gates=(Gate("AR"),))) - library.charge(Term(LEVEL))
-    limits = grid.limits * (searched + np.log(current.n) + _LIMIT_WORTH)
-    limits[grid.limits == 0] = np.inf
+    charge = grid.limits * (searched + np.log(current.n) + _LIMIT_WORTH)
+    charge[grid.limits == 0] = np.inf
+    return charge
+
+
+def _worth(current: Basis, gain: Float32, limits: Float1D) -> Float1D:
+    """(boxes,) – BIC that a term which takes away `gain` brings in each box, its `limits` paid for."""
     return -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - limits
 
 
