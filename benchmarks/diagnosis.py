@@ -24,9 +24,9 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.identify import candidates
+from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
-from pido.diagnosis.select import Library
 from pido.diagnosis.state import axis_states
 
 QUICK = {"parts": 3, "samples": 5_000, "rows": 1_500}

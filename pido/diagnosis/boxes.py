@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pido.core.arrays import Bool1D, Float1D, Int1D
-from pido.diagnosis.terms import Gate
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.terms import Gate, gate_variable
 
+VARIABLES = ("v_x", "v_y", "AR")
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
 _FINE = 16  # limits of a variable on the grid on which a single term is asked
 _SAME_LEVEL = 0.01  # of the range of a variable: nearer values are one level
@@ -146,12 +148,38 @@ def fine_cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
 
 def grid_at(variables: Mapping[str, Float1D], cuts: Mapping[str, Float1D]) -> Grid:
     """The grid over `variables`, (n,) each, with classes between `cuts`."""
-    cell = np.zeros(len(next(iter(variables.values()))), int)
+    cell = np.zeros(len(next(iter(variables.values()), ())), int)
     for name, limits in cuts.items():
         cell = cell * (len(limits) + 1) + np.searchsorted(limits, variables[name], side="right")
     order = np.argsort(cell, kind="stable")
     first = np.flatnonzero(np.r_[True, np.diff(cell[order]) > 0])
     return Grid(cuts, order, first, cell[order][first])
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """The reduced space of one recording: what limits a box, (n,) each, where that can be cut, and the grids of it."""
+
+    variables: Mapping[str, Float1D]
+    places: Mapping[str, Places]
+    coarse: Grid
+    fine: Grid
+
+
+def space_of(mismatch: Mismatch) -> Space:
+    """The space of v_x, v_y and AR, as far as a recording has them and they vary."""
+    variables = {v: values for v in VARIABLES if (values := _values(mismatch, v)) is not None}
+    places = places_in(variables, mismatch.usable)
+    grids = (grid_at(variables, cuts(places)) for cuts in (cuts_of, fine_cuts_of))
+    return Space(variables, places, *grids)
+
+
+def _values(mismatch: Mismatch, variable: str) -> Float1D | None:
+    found = [gate_variable(s, variable) for s in mismatch.states]
+    if any(v is None for v in found):
+        return None
+    values = np.nan_to_num(np.concatenate([np.asarray(v, float) for v in found]))
+    return values if np.ptp(values) > 0 else None
 
 
 def gains_of_each(grid: Grid, rows: Float32, residual: Float32, sign: Float1D) -> Float32:

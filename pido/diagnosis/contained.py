@@ -15,10 +15,11 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from pido.diagnosis.identify import coarse_columns, left_over
+from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.misfit import lasting
 from pido.diagnosis.mismatch import Mismatch, lay_out
-from pido.diagnosis.select import Library, basis, best_addition, drop_useless, grid_terms, swap
+from pido.diagnosis.select import best_addition, drop_useless, grid_terms, swap
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
 

@@ -15,9 +15,10 @@ import numpy as np
 
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
+from pido.diagnosis.library import Library, basis
 from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.select import Library, basis, drop_useless, refine, shortlist_of
+from pido.diagnosis.select import drop_useless, refine, shortlist_of
 from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
 

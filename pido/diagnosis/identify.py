@@ -3,8 +3,7 @@
 In:  one axis of all parts (`Mismatch`), the catalogue, what the simulation contains.
 Out: `Answer`: terms, their noise, p values, what each could be mistaken for, what was tried and rejected.
 Order of work: noise from a saturated fit; selection; noise again without what was found, and the search once more
-(small
-effects show only once the large ones are out); only then the strict tests.
+(small effects show only once the large ones are out); only then the strict tests.
 """
 
 from __future__ import annotations
@@ -32,22 +31,12 @@ from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.events import ExternalForce, Rhythm, charge, find_events, find_rhythms
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.flexible import flexible_rest
+from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.misfit import WORTH, useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import CLEARLY, best_region
-from pido.diagnosis.select import (
-    MOST_TERMS,
-    Basis,
-    Library,
-    Score,
-    basis,
-    best_addition,
-    drop_useless,
-    grid_terms,
-    suggested,
-    swap,
-)
+from pido.diagnosis.select import MOST_TERMS, best_addition, drop_useless, grid_terms, suggested, swap
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
@@ -109,9 +98,7 @@ def candidates(
 
 
 def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
-    """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to
-    leave noise.
-    """
+    """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to leave noise."""
     columns = coarse_columns(mismatch, terms)
     noise = None
     for last in (False, True):
@@ -126,8 +113,7 @@ def noise_of(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> Noise:
     """Noise of what the joint fit of `terms` leaves, and a flexible model of the state cannot predict.
 
     A real machine always does a little more than the terms say. Taken for noise, that rest would be slow and
-    strong, and
-    whitening would then listen to fast transients only.
+    strong, and whitening would then listen to fast transients only.
     """
     # What weights that listen to what is quick leave of a slow effect would make noise slower still.
     if plain_error(mismatch, terms) < rms_held_out(mismatch, noise, terms):

@@ -25,8 +25,8 @@ from pido.diagnosis.confirm import (
     p_value,
     paired_p,
 )
+from pido.diagnosis.library import Library
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.select import Library
 from pido.diagnosis.terms import Term, fit, solve
 from pido.diagnosis.whiten import Noise
 

@@ -9,28 +9,18 @@ shape: so every shape of every mechanism is asked in every box of a coarse grid,
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.boxes import (
-    Float32,
-    Grid,
-    Places,
-    cuts_of,
-    fine_cuts_of,
-    gains_of_each,
-    gains_together,
-    grid_at,
-    places_in,
-)
+from pido.diagnosis.boxes import Float32, Grid, gains_of_each, gains_together, grid_at
 from pido.diagnosis.formulas import LEVEL
-from pido.diagnosis.select import Basis, Library, Score, refine
-from pido.diagnosis.terms import Gate, Term, gate_variable
+from pido.diagnosis.library import Basis, Library, Score
+from pido.diagnosis.select import refine
+from pido.diagnosis.terms import Gate, Term
 
-VARIABLES = ("v_x", "v_y", "AR")
 CLEARLY = 15.0  # BIC by which a box must beat the best mechanism that acts everywhere
 _LIMIT_WORTH = CLEARLY / 2  # BIC that each limit must bring
 _SHAPES = 3  # of a mechanism that are scored in their best box
@@ -46,37 +36,33 @@ _CHUNK = 32  # terms looked at at a time
 
 def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -> Score | None:
     """The best confined version of any mechanism that is not `taken`, or None."""
-    variables = {v: values for v in VARIABLES if (values := _values(library, v)) is not None}
-    if not variables:
+    space = library.space
+    if not space.variables:
         return None
-    places = places_in(variables, library.mismatch.usable)
-    fine = grid_at(variables, fine_cuts_of(places))
-    best = _best_on(grid_at(variables, cuts_of(places)), fine, library, current, taken, places)
+    best = _best_on(space.coarse, library, current, taken)
     if best is None:
         return None
     # Once its limits are known, other laws can be asked within the same.
-    limits = {v: np.unique([_limit(g) for g in best.term.gates if g.variable == v]) for v in variables}
-    same = grid_at(variables, limits)
-    again = _best_on(same, fine, library, current, taken, places)
+    limits = {v: np.unique([_limit(g) for g in best.term.gates if g.variable == v]) for v in space.variables}
+    again = _best_on(grid_at(space.variables, limits), library, current, taken)
     return min((s for s in (best, again) if s is not None), key=_price)
 
 
-def _best_on(
-    grid: Grid, fine: Grid, library: Library, current: Basis, taken: Collection[str], places: Mapping[str, Places]
-) -> Score | None:
+def _best_on(grid: Grid, library: Library, current: Basis, taken: Collection[str]) -> Score | None:
     best: dict[str, Score] = {}
     for term in _promising(library, current, taken, grid):
         score = library.score(term, current)
         if score is not None and (term.name not in best or score.bic < best[term.name].bic):
             best[term.name] = score
-    boxed = [_in_its_box(library, current, score, fine) for score in best.values()]
-    settled = [_settle(library, current, s, places) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
+    boxed = [_in_its_box(library, current, score) for score in best.values()]
+    settled = [_settle(library, current, s) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
     return min((s for s in settled if s.term.gates), key=_price, default=None)
 
 
-def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Score:
+def _in_its_box(library: Library, current: Basis, score: Score) -> Score:
     """The same term in the box of a fine grid in which it takes away most, all limits at once, if that is better."""
     assert library.noise is not None
+    fine = library.space.fine
     rows = library.noise.whiten(library.columns(replace(score.term, gates=())).astype(np.float32))
     if len(rows) == 1:
         (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
@@ -154,12 +140,12 @@ def _sign(library: Library, term: Term) -> float:
     return library.polarity if one_side else 0.0
 
 
-def _settle(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
+def _settle(library: Library, current: Basis, score: Score) -> Score:
     """Limits and shape moved to where they fit best, without the limits that are not worth it."""
     best = score
     for _ in range(_ROUNDS):
         former = best
-        best = refine(library, current, _sharpen(library, current, best, places))
+        best = refine(library, current, _sharpen(library, current, best))
         best = _fewer_limits(library, current, best)
         if best.bic > former.bic - 1.0:
             break
@@ -180,11 +166,11 @@ def _fewer_limits(library: Library, current: Basis, score: Score) -> Score:
     return best
 
 
-def _sharpen(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
+def _sharpen(library: Library, current: Basis, score: Score) -> Score:
     """Each limit moved to where it fits best near by."""
     best = score
     for k, gate in enumerate(score.term.gates):
-        at = places[gate.variable]
+        at = library.space.places[gate.variable]
         here = int(np.argmin(np.abs(at.limits - _limit(gate))))
         near = at.limits[[i for by in _STEPS if 0 <= (i := here + by) < len(at.limits)]]
         for value in np.r_[near, at.limits[here] + at.gaps[here] * _WITHIN]:
@@ -197,11 +183,3 @@ def _sharpen(library: Library, current: Basis, score: Score, places: Mapping[str
 
 def _limit(gate: Gate) -> float:
     return gate.low if np.isfinite(gate.low) else gate.high
-
-
-def _values(library: Library, variable: str) -> Float1D | None:
-    found = [gate_variable(s, variable) for s in library.mismatch.states]
-    if any(v is None for v in found):
-        return None
-    values = np.nan_to_num(np.concatenate([np.asarray(v, float) for v in found]))
-    return values if np.ptp(values) > 0 else None

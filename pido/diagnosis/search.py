@@ -30,9 +30,9 @@ from pido.diagnosis.identify import (
     seen_slowly,
     select_terms,
 )
+from pido.diagnosis.library import Library, basis, plausible
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.select import Library, basis, plausible
 from pido.diagnosis.terms import Term, fit, solve
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.whiten import Averaged, Noise

@@ -23,8 +23,8 @@ from pido.diagnosis.dynamics import Lagged, Ringing, remembering
 from pido.diagnosis.flexible import Coarse, coarse, structure
 from pido.diagnosis.formulas import FORMS, LOOKED_AT, Formula, Peak, Surface, Unnamed, formulas, peaks, surfaces
 from pido.diagnosis.identify import numbers
+from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.select import Basis, Library, Score, basis
 from pido.diagnosis.signals import common_signals
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.waves import Wave, waves

@@ -10,10 +10,10 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.dynamics import Lagged, Ringing
 from pido.diagnosis.estimate import estimate, settle_shapes
+from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
-from pido.diagnosis.select import Library, basis
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import is_known, with_unknown

@@ -8,11 +8,11 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.search import first_look, search
-from pido.diagnosis.select import Library
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, inside
 from pido.diagnosis.whiten import Noise

@@ -13,10 +13,11 @@ from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose, proved
 from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
+from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.search import best_gain, first_look, search
-from pido.diagnosis.select import Library, grid_terms
+from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.timing import find_delay

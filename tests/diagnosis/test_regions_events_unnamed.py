@@ -11,12 +11,13 @@ from pido.core.recording import Recording
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
+from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.search import first_look, search
-from pido.diagnosis.select import MOST_TERMS, Library, basis, grid_terms
+from pido.diagnosis.select import MOST_TERMS, grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.unnamed import with_unknown
