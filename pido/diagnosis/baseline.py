@@ -34,8 +34,7 @@ def equation_rows(recording: Recording, state: AxisState) -> Float2D:
     """(17, n): the paper's terms; zero where an input was not recorded, NaN where a value is missing.
 
     A measured speed is never exactly zero: inside the dead band the sign of the speed is taken as 0, which is what
-    sgn(0)
-    is, and not as the sign of its noise.
+    sgn(0) is, and not as the sign of its noise.
     """
     n = len(recording)
     inputs = np.column_stack([recording[c] if c in recording else np.zeros(n) for c in INPUTS]).astype(float)

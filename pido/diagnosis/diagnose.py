@@ -259,13 +259,8 @@ def _settle(
     recorded = full.target + (full.sim if full.sim is not None and not full.base_names else 0.0)
     rest = flexible_rest(full, fit(full, even(full), answer.terms).residual)
     noise = estimate_noise(rest, full.starts, full.noise_class, full.usable)
-    terms = settle_shapes(full, noise, answer.terms)
-    other = even(full)
-    if plain_error(full, terms) < _PLAIN_IS_BETTER * rms_held_out(full, noise, terms):
-        # The terms lack something that is slow: weights that listen to what is quick would fit them to the wrong part.
-        noise, other = other, noise
-        terms = settle_shapes(full, noise, terms)
-    terms, proofs, found = proved(full, (noise, other), terms, answer, recorded, rng)
+    terms, noises = settled(full, noise, answer.terms)
+    terms, proofs, found = proved(full, noises, terms, answer, recorded, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])
     level = robust_sd(found.fit.residual[full.usable])
@@ -287,7 +282,7 @@ def _settle(
     findings = []
     for i, term in enumerate(terms):
         effect = found.fit.amplitudes[i] @ term.columns(full.states)
-        swallowed = _replaced(full, alone.base, fit(full, noise, [term]).base)
+        swallowed = _replaced(full, alone.base, fit(full, noises[0], [term]).base)
         findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed))
     series = []
     for recording, state in zip(parts, full.states, strict=True):
@@ -295,6 +290,19 @@ def _settle(
         effect = model.effect(simulated, recording, state)
         series.append((effect, score(effect, level), simulated + effect))
     return _Work(model, findings, answer.rejected, answer.notes, series)
+
+
+def settled(full: Mismatch, quick: Noise, terms: Sequence[Term]) -> tuple[list[Term], tuple[Noise, Noise]]:
+    """`terms` with their shapes settled on every row; the weights that they are settled under, and the other ones.
+
+    Where the terms lack something that is slow, weights that listen to what is `quick` fit them to the wrong part:
+    their sizes, or already their shapes.
+    """
+    slow = even(full)
+    shaped = settle_shapes(full, quick, terms)
+    error = _PLAIN_IS_BETTER * rms_held_out(full, quick, shaped)
+    start = next((t for t in (shaped, terms) if plain_error(full, t) < error), None)
+    return (shaped, (quick, slow)) if start is None else (settle_shapes(full, slow, start), (slow, quick))
 
 
 def proved(

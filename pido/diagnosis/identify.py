@@ -98,7 +98,7 @@ def candidates(
 
 
 def first_noise(mismatch: Mismatch, terms: Sequence[Term]) -> Noise:
-    """Noise of what is left when every mechanism helps at once: too many terms to believe, few enough to leave noise."""
+    """Noise of what is left when every mechanism helps: too many terms to believe, few enough to leave noise."""
     columns = coarse_columns(mismatch, terms)
     noise = None
     for last in (False, True):

@@ -47,6 +47,7 @@ _TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: wit
 _SMALL = 0.12  # the same share for a finding that is small in its own right
 _FEW_LASTING = 20  # rows
 _NEARLY_ALL = 0.7
+_FEW_BLOCKS = 4
 _UNSEEN = 0.05  # p value of a gain on unseen folds, after all other tests
 _LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
@@ -85,7 +86,8 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
             before, after = (cross_residual(mismatch, judge, t, fold) for t in (others, terms))
         else:
             before = cross_residual(mismatch, noise, others)
-        if not _holds_unseen(mismatch, judge, before, after, acts, few=len(terms) == 1 and bool(term.gates)):
+        few = len(terms) == 1 and (bool(term.gates) or _seldom(mismatch, term, acts))
+        if not _holds_unseen(mismatch, judge, before, after, acts, few):
             return i, "no gain on parts that were not fitted"
     i = _mends_at_stops(mismatch, noise, terms)
     if i is not None:
@@ -96,7 +98,7 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
 def _holds_unseen(mismatch: Mismatch, noise: Noise, before: Float1D, after: Float1D, acts: Bool1D, few: bool) -> bool:
     """Whether what other folds say of a term is there in each, (n,) in A `before` and `after` it is taken out.
 
-    few : it may act in a few blocks only, and differ between them; then all blocks say how far their sums scatter
+    few : it acts in a few blocks only, or may differ between them; then all blocks say how far their sums scatter
     """
     b, a = noise.whiten(np.array([before, after]))
     gain = b**2 - a**2
@@ -107,6 +109,11 @@ def _holds_unseen(mismatch: Mismatch, noise: Noise, before: Float1D, after: Floa
     if paired_p(gain, mismatch, mismatch.usable & met) <= _UNSEEN:
         return True
     return few and p_value(Whitened((b - a)[None], b, (slice(0, 1),)), 0, mismatch.block, pooled=True) <= _UNSEEN
+
+
+def _seldom(mismatch: Mismatch, term: Term, acts: Bool1D) -> bool:
+    """Whether a law acts in so few blocks that they alone say little: the run-ups of a spindle in two short parts."""
+    return term.name != "unknown" and len(np.unique(mismatch.block[acts])) < _FEW_BLOCKS
 
 
 def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> int | None:

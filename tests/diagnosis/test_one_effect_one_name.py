@@ -10,7 +10,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.contained import contained
-from pido.diagnosis.diagnose import diagnose, proved
+from pido.diagnosis.diagnose import diagnose, proved, settled
 from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library
@@ -325,3 +325,34 @@ def test_a_law_that_could_as_well_have_the_other_sign_is_no_finding():
     terms, _, _ = proved(mismatch, (even(mismatch), quick), [law], answer, rows, rng)
     assert terms == []
     assert [r.reason for r in answer.rejected] == ["the 95 % interval of its size holds zero"]
+
+
+def test_a_shape_that_quick_rows_move_away_from_the_rest_is_settled_by_all_of_them(monkeypatch):
+    """Friction at low speed, and beside it a quick transient of 12 mm/s that its form takes for its own."""
+    shapes = {v_s: (("v_s", v_s), ("delta", 2.0), ("rest", 0.0)) for v_s in (1.0, 20.0)}
+    right, wrong = (Term(BY_ID["stribeck_friction"], shape) for shape in shapes.values())
+    mismatch, noise = laid_out(lambda s: 0.1 * right.columns([s])[0])
+    monkeypatch.setattr(
+        "pido.diagnosis.diagnose.settle_shapes", lambda _, n, terms: [wrong] if n is noise else list(terms)
+    )
+    assert settled(mismatch, noise, [right])[0] == [right]
+
+
+def run_ups(size, rng):
+    """Two parts, each with one run-up of the spindle."""
+    for recording in recordings(2):
+        v_sp = 3e4 * np.clip((recording["time"] - 5.0) / 0.6, 0, 1)
+        a_sp = np.gradient(v_sp, recording["time"])
+        drag = 4e-9 * v_sp**2
+        yield recording.with_columns(
+            v_sp=v_sp,
+            a_sp=a_sp,
+            curr_sp_sim=drag,
+            curr_sp=drag + size * a_sp / a_sp.max() + rng.normal(0, NOISE, len(v_sp)),
+        )
+
+
+@pytest.mark.parametrize(("size", "named"), [(4 * NOISE, [("sp", "spindle_inertia")]), (0.0, [])])
+def test_the_run_ups_of_two_parts_are_enough_for_what_stands_far_above_the_noise(size, named):
+    found = diagnose(list(run_ups(size, np.random.default_rng(2))))
+    assert [(f.axis, f.mechanism) for f in found.findings] == named
