@@ -333,6 +333,13 @@ ROWS = [
         0.95,
     ),
     ("position_dependent_friction", "x", lambda f: 0.3 * (np.abs(f.pos["x"] - 42) < 8) * sgn(f), {"p_0": 42}, 0.8),
+    (  # a ball screw of 8 mm lead, over a travel of many turns
+        "position_dependent_friction",
+        "x",
+        lambda f: (0.1 + 0.1 * np.sin(2 * np.pi * f.pos["x"] / 8 + 0.7)) * sgn(f),
+        {"L": 8},
+        0.95,
+    ),
     ("presliding_hysteresis", "x", lambda f: 0.4 * dahl(f, 0.05), {"F_p": 0.4}, 0.97),
     ("presliding_hysteresis", "x", lambda f: 0.4 * dahl(f, 0.4), {"F_p": 0.4, "x_0": 0.4}, 0.97),
     ("presliding_hysteresis", "x", lambda f: 0.4 * lugre(f, 0.1), {"F_p": 0.4}, 0.95),

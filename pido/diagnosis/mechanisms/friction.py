@@ -15,12 +15,14 @@ from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
 from pido.diagnosis.state import AxisState
-from pido.physics.drive import best_stretch, wave
+from pido.physics.drive import best_stretch, periods_of, wave
 from pido.physics.friction import dahl_state, stribeck_curve
 
 _TURNS_MM = (0.003, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
 # What turns over the longest of them, in motion, is presliding by its own name.
 _REST = choice("rest", len(_TURNS_MM))
+_SHORTEST = 2.0  # mm, of a wave of friction along the travel: half the lead of a fine screw
+_PEAKS = 3  # of the periodogram that are handed on
 
 
 def direction(state: AxisState, rest: float = 0.0) -> Float1D:
@@ -200,7 +202,7 @@ class PositionDependentFriction(Mechanism):
         _REST,
     )
     axes = LINEAR_AXES
-    looked_at = 100
+    looked_at = 300
     follows_from = ("pos",)
 
     def regressors(self, state, *, form, L, p_0, rest=0.0):
@@ -230,7 +232,7 @@ class PositionDependentFriction(Mechanism):
         return tuple({"form": f, "L": L, "p_0": p, "rest": rest} for rest in (0.0, 2.0) for f, L, p in forms)
 
     def suggest(self, states, left):
-        """The stretch of the travel whose friction stands out most from the rest of it."""
+        """The stretch of the travel whose friction stands out most from the rest of it, and the waves along it."""
         if any(s.pos is None for s in states):
             return ()
         low, high = _ends(states)
@@ -240,11 +242,12 @@ class PositionDependentFriction(Mechanism):
         good = np.isfinite(value) & np.isfinite(pos) & (h != 0)
         if good.sum() < 50 or high - low < 1e-3:
             return ()
-        stretch = best_stretch(pos[good], (value * h)[good], low, high)
-        if stretch is None:
-            return ()
-        place = {"form": 2.0, "L": (stretch[1] - stretch[0]) / 3, "p_0": sum(stretch) / 2}
-        return tuple({**place, "rest": rest} for rest in (0.0, 2.0))
+        pos, level = pos[good], (value * h)[good]
+        shapes = [(0.0, L, 0.0) for L in periods_of(pos, level, _SHORTEST, high - low, _PEAKS)]
+        stretch = best_stretch(pos, level, low, high)
+        if stretch is not None:
+            shapes.append((2.0, (stretch[1] - stretch[0]) / 3, sum(stretch) / 2))
+        return tuple({"form": f, "L": L, "p_0": p, "rest": rest} for rest in (0.0, 2.0) for f, L, p in shapes)
 
     def around(self, name, shape, states):
         low, high = _ends(states)
