@@ -217,6 +217,16 @@ def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
     return [*singles, *pairs]
 
 
+def curve_over_current(mismatch: Mismatch, count: int = 10) -> Surface | None:
+    """A curve over the axis' own simulated current, which may jump at zero as the dead time of a drive makes it; only
+    for the place of several laws (see `surfaces`)."""
+    if mismatch.sim is None:
+        return None
+    knots = _knots(mismatch.sim[mismatch.usable], count)
+    both = bool(mismatch.sim.min() < 0 < mismatch.sim.max())
+    return Surface((f"I_{mismatch.axis}",), (knots,), (both,)) if len(knots) >= 2 else None
+
+
 def _knots(values: Float1D, count: int) -> tuple[float, ...]:
     low, high = np.quantile(values, [0.002, 0.998])
     inner = np.quantile(values, np.linspace(0.05, 0.95, count - 2))

@@ -21,7 +21,18 @@ from pido.diagnosis.bends import Bend, bends
 from pido.diagnosis.confirm import plain_error
 from pido.diagnosis.dynamics import Lagged, Ringing, remembering
 from pido.diagnosis.flexible import Coarse, coarse, structure
-from pido.diagnosis.formulas import FORMS, LOOKED_AT, Formula, Peak, Surface, Unnamed, formulas, peaks, surfaces
+from pido.diagnosis.formulas import (
+    FORMS,
+    LOOKED_AT,
+    Formula,
+    Peak,
+    Surface,
+    Unnamed,
+    curve_over_current,
+    formulas,
+    peaks,
+    surfaces,
+)
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mismatch import Mismatch
@@ -41,6 +52,7 @@ _LESS_ERROR = 0.01  # of the error with names, in A on unseen folds, that a mode
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
 _PAIRS = 10
+_MANY = 3  # laws on one axis: so many at once are less likely than one that nobody has named
 _FINALISTS = 12
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
@@ -68,6 +80,9 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             plainly = likelier and _less_error(mismatch, trial, best_terms)
             if plainly or _says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, replace(tried, searched=tried.searched + _CHARGE)
+    whole = curve_over_current(mismatch) if len(best_terms) >= _MANY else None
+    if whole is not None and _says_it_all(mismatch, [Term(whole)], best_terms):
+        best_terms = [Term(whole)]
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)
     named = _explained(mismatch, best_terms, joint.amplitudes)
