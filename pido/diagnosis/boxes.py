@@ -70,17 +70,14 @@ def _between(ranked: Float1D, rows: Float1D, same: float) -> Places:
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
-    """Cells over some variables.
+class Lattice:
+    """Cells over some variables, and all boxes made of them.
 
-    cuts : variable -> limits between its classes, rising
-    order : (n,) – rows, cell by cell; first : first of each cell in that order; cells : which cells these are
+    cuts : variable -> limits between its classes, rising; cell : (groups,) – the cell in which a group of rows lies
     """
 
     cuts: Mapping[str, Float1D]
-    order: Int1D
-    first: Int1D
-    cells: Int1D
+    cell: Int1D
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -103,14 +100,19 @@ class Grid:
         sizes = zip(self.shape, self.spans, strict=True)
         return [np.array([(np.arange(k) >= i) & (np.arange(k) <= j) for i, j in s], np.float32) for k, s in sizes]
 
-    def sums(self, values: Float32) -> Float32:
-        """(k, n) -> (k, boxes): sums over the rows of each box."""
-        cells = np.zeros((len(values), int(np.prod(self.shape))), np.float32)
-        cells[:, self.cells] = np.add.reduceat(values[:, self.order], self.first, axis=1)
+    @cached_property
+    def _order(self) -> tuple[Int1D, Int1D]:
+        return _sorted(self.cell)
+
+    def sums(self, groups: Float32) -> Float32:
+        """(k, groups) -> (k, boxes): sums over the groups of rows in each box."""
+        order, first = self._order
+        cells = np.zeros((len(groups), int(np.prod(self.shape))), np.float32)
+        cells[:, self.cell[order][first]] = np.add.reduceat(groups[:, order], first, axis=1)
         out = cells.reshape(-1, *self.shape)
         for inside in self._inside:
             out = np.tensordot(out, inside, axes=(1, 1))
-        return out.reshape(len(values), -1)
+        return out.reshape(len(groups), -1)
 
     def gates(self, box: int) -> tuple[Gate, ...]:
         """The limits of a box, one gate each."""
@@ -123,6 +125,36 @@ class Grid:
             if last < len(cuts):
                 out.append(Gate(variable, high=float(cuts[last])))
         return tuple(out)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The boxes of several lattices, one after another; rows that share a cell in each are a group.
+
+    order : (n,) – rows, group by group; first : first of each group in that order
+    """
+
+    lattices: tuple[Lattice, ...]
+    order: Int1D
+    first: Int1D
+
+    @cached_property
+    def limits(self) -> Float32:
+        """(boxes,) – how many limits each box has."""
+        return np.concatenate([each.limits for each in self.lattices])
+
+    def sums(self, values: Float32) -> Float32:
+        """(k, n) -> (k, boxes): sums over the rows of each box."""
+        groups = np.add.reduceat(values[:, self.order], self.first, axis=1)
+        return np.concatenate([each.sums(groups) for each in self.lattices], axis=1)
+
+    def gates(self, box: int) -> tuple[Gate, ...]:
+        """The limits of a box, one gate each."""
+        for lattice in self.lattices:
+            if box < len(lattice.limits):
+                return lattice.gates(box)
+            box -= len(lattice.limits)
+        raise IndexError(box)
 
 
 def places_in(variables: Mapping[str, Float1D], rows: Bool1D) -> dict[str, Places]:
@@ -146,19 +178,36 @@ def fine_cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
     return {name: places[name].limits[np.round(pick).astype(int)] for name, pick in picks.items()}
 
 
-def grid_at(variables: Mapping[str, Float1D], cuts: Mapping[str, Float1D]) -> Grid:
-    """The grid over `variables`, (n,) each, with classes between `cuts`."""
-    cell = np.zeros(len(next(iter(variables.values()), ())), int)
+def grid_at(variables: Mapping[str, Float1D], *cuts: Mapping[str, Float1D]) -> Grid:
+    """The grid over `variables`, (n,) each, with a lattice between the limits of each of `cuts`."""
+    cells = [_cell_of(variables, each) for each in cuts]
+    group = cells[0]
+    for cell in cells[1:]:
+        group = group * (int(cell.max()) + 1) + cell
+    order, first = _sorted(group)
+    return Grid(tuple(Lattice(c, cell[order[first]]) for c, cell in zip(cuts, cells, strict=True)), order, first)
+
+
+def _sorted(cell: Int1D) -> tuple[Int1D, Int1D]:
+    """(n,) – places in rising order of the cell; and the first of each cell in that order."""
+    order = np.argsort(cell, kind="stable")
+    return order, np.flatnonzero(np.r_[True, np.diff(cell[order]) > 0])
+
+
+def _cell_of(variables: Mapping[str, Float1D], cuts: Mapping[str, Float1D]) -> Int1D:
+    cell = np.zeros(len(next(iter(variables.values()))), int)
     for name, limits in cuts.items():
         cell = cell * (len(limits) + 1) + np.searchsorted(limits, variables[name], side="right")
-    order = np.argsort(cell, kind="stable")
-    first = np.flatnonzero(np.r_[True, np.diff(cell[order]) > 0])
-    return Grid(cuts, order, first, cell[order][first])
+    return cell
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """The reduced space of one recording: what limits a box, (n,) each, where that can be cut, and the grids of it."""
+    """The reduced space of one recording: what limits a box, (n,) each, where that can be cut, and the grids of it.
+
+    Each variable by itself is cut in all places: a law that ends within the steps of a lattice over all of them looks
+    weak in each of its boxes.
+    """
 
     variables: Mapping[str, Float1D]
     places: Mapping[str, Places]
@@ -166,11 +215,14 @@ class Space:
     fine: Grid
 
 
-def space_of(mismatch: Mismatch) -> Space:
-    """The space of v_x, v_y and AR, as far as a recording has them and they vary."""
+def space_of(mismatch: Mismatch) -> Space | None:
+    """The space of v_x, v_y and AR, as far as a recording has them and they vary; None where none does."""
     variables = {v: values for v in VARIABLES if (values := _values(mismatch, v)) is not None}
+    if not variables:
+        return None
     places = places_in(variables, mismatch.usable)
-    grids = (grid_at(variables, cuts(places)) for cuts in (cuts_of, fine_cuts_of))
+    alone = [{name: at.limits} for name, at in places.items() if len(at.limits)]
+    grids = (grid_at(variables, cuts(places), *alone) for cuts in (cuts_of, fine_cuts_of))
     return Space(variables, places, *grids)
 
 

@@ -18,6 +18,7 @@ from pido.core.arrays import Bool1D, Float1D
 
 _FACTOR = 12.0  # robust deviations that two signals never differ by
 _TAIL = 6.0  # times the difference that one sample in ten exceeds
+_ROUGH = 3.0  # the same where an acceleration is large
 _EDGE = 2  # steps at either end of a stretch
 _NEGLIGIBLE = 1e-2  # of the largest values of a signal: a smaller contradiction does no harm
 _SHORT = 0.1  # of the largest accelerations: a shorter pulse may be this far from the change of speed
@@ -176,7 +177,12 @@ def _speed_and_acceleration(
     apart = apart if apart.sum() >= _FEWEST else use
     usual = max(_usual(off[apart], rate[apart]), _in_motion(off, apart & (rate != 0)))
     # Between two samples an acceleration may come and go; only what is large beside all others is a spike.
-    usual = max(usual, _SHORT * float(np.quantile(np.abs(_few(rate[apart])), 0.999)))
+    short = _SHORT * float(np.quantile(np.abs(_few(rate[apart])), 0.999))
+    usual = max(usual, short)
+    # An acceleration that is measured is as rough as its sensor while it is large, and smooth for the rest of the time.
+    hard = apart & (np.abs(rate) > short)
+    if hard.sum() >= _FEWEST:
+        usual = max(usual, _ROUGH * float(np.quantile(np.abs(off[hard]), 0.9)))
     frozen = np.zeros(len(time), bool)
     for i, j in held:
         inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))

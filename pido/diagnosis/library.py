@@ -93,8 +93,8 @@ class Library:
         self.noise: Noise | None = None
 
     @cached_property
-    def space(self) -> Space:
-        """The reduced space in which a term may be confined."""
+    def space(self) -> Space | None:
+        """The reduced space in which a term may be confined, None where nothing varies."""
         return space_of(self.mismatch)
 
     def whiten(self, noise: Noise) -> None:

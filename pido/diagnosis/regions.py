@@ -9,17 +9,18 @@ shape: so every shape of every mechanism is asked in every box of a coarse grid,
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.boxes import Float32, Grid, gains_of_each, gains_together, grid_at
+from pido.diagnosis.boxes import Float32, Grid, Places, Space, gains_of_each, gains_together, grid_at
 from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.library import Basis, Library, Score
 from pido.diagnosis.select import refine
 from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.whiten import Noise
 
 CLEARLY = 15.0  # BIC by which a box must beat the best mechanism that acts everywhere
 _LIMIT_WORTH = CLEARLY / 2  # BIC that each limit must bring
@@ -31,39 +32,40 @@ _STEPS = (-12, -6, -3, -1, 0, 1, 3, 6, 12)  # places by which a limit is moved
 _WITHIN = np.array([-0.4, -0.2, 0.2, 0.4])  # of the gap between two levels, by which a limit there is moved
 _REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where, not to how fast
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
+_BEFORE = 2.5  # times a row itself, in units of noise, that the whitened row may be
 _CHUNK = 32  # terms looked at at a time
 
 
 def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -> Score | None:
     """The best confined version of any mechanism that is not `taken`, or None."""
     space = library.space
-    if not space.variables:
+    if space is None:
         return None
-    best = _best_on(space.coarse, library, current, taken)
+    best = _best_on(space, space.coarse, library, current, taken)
     if best is None:
         return None
     # Once its limits are known, other laws can be asked within the same.
     limits = {v: np.unique([_limit(g) for g in best.term.gates if g.variable == v]) for v in space.variables}
-    again = _best_on(grid_at(space.variables, limits), library, current, taken)
+    again = _best_on(space, grid_at(space.variables, limits), library, current, taken)
     return min((s for s in (best, again) if s is not None), key=_price)
 
 
-def _best_on(grid: Grid, library: Library, current: Basis, taken: Collection[str]) -> Score | None:
+def _best_on(space: Space, grid: Grid, library: Library, current: Basis, taken: Collection[str]) -> Score | None:
     best: dict[str, Score] = {}
     for term in _promising(library, current, taken, grid):
         score = library.score(term, current)
         if score is not None and (term.name not in best or score.bic < best[term.name].bic):
             best[term.name] = score
-    boxed = [_in_its_box(library, current, score) for score in best.values()]
-    settled = [_settle(library, current, s) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
+    boxed = [_in_its_box(library, current, score, space.fine) for score in best.values()]
+    settled = [_settle(library, current, s, space.places) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
     return min((s for s in settled if s.term.gates), key=_price, default=None)
 
 
-def _in_its_box(library: Library, current: Basis, score: Score) -> Score:
+def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Score:
     """The same term in the box of a fine grid in which it takes away most, all limits at once, if that is better."""
     assert library.noise is not None
-    fine = library.space.fine
-    rows = library.noise.whiten(library.columns(replace(score.term, gates=())).astype(np.float32))
+    plain = library.columns(replace(score.term, gates=())).astype(np.float32)
+    rows = _of_themselves(library.noise, library.noise.whiten(plain), plain)
     if len(rows) == 1:
         (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
     else:
@@ -113,7 +115,8 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
     # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what differs between
     # the directions of the axis is friction with a limit of its speed.
-    never = _REGIONS | ({"friction_asymmetry"} if f"v_{library.mismatch.axis}" in grid.cuts else set())
+    cut = {name for lattice in grid.lattices for name in lattice.cuts}
+    never = _REGIONS | ({"friction_asymmetry"} if f"v_{library.mismatch.axis}" in cut else set())
     open_ = [
         (term, (i, j))
         for term, (i, j), varies in zip(library.terms, library.spans, library.varies, strict=True)
@@ -122,15 +125,28 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     singles = [(t, i) for t, (i, j) in open_ if j == i + 1]
     for k in range(0, len(singles), _CHUNK):
         some = singles[k : k + _CHUNK]
-        rows = library.whitened[[i for _, i in some]]
+        which = [i for _, i in some]
+        rows = _of_themselves(library.noise, library.whitened[which], library.rows[which])
         signs = np.array([_sign(library, t) for t, _ in some])
         yield from zip((t for t, _ in some), gains_of_each(grid, rows, residual, signs), strict=True)
     for term, (i, j) in open_:
         if j > i + 1:
-            yield term, gains_together(grid, library.whitened[i:j], residual)
+            rows = _of_themselves(library.noise, library.whitened[i:j], library.rows[i:j])
+            yield term, gains_together(grid, rows, residual)
     if "unknown" not in taken:
         level = library.noise.whiten(np.ones((1, library.mismatch.n), np.float32))
         yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1))[0]
+
+
+def _of_themselves(noise: Noise, whitened: Float32, plain: Float32) -> Float32:
+    """(k, n) – whitened rows without those that what came before outweighs.
+
+    After a rapid, its speed would speak in the box of the slow motion that follows, in which it has no part.
+    """
+    if len(noise.ar) == 0:
+        return whitened
+    own = np.abs(plain) * (_BEFORE / (noise.level * noise.innovation)).astype(np.float32)
+    return np.where(np.abs(whitened) <= own, whitened, np.float32(0))
 
 
 def _sign(library: Library, term: Term) -> float:
@@ -140,12 +156,12 @@ def _sign(library: Library, term: Term) -> float:
     return library.polarity if one_side else 0.0
 
 
-def _settle(library: Library, current: Basis, score: Score) -> Score:
+def _settle(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
     """Limits and shape moved to where they fit best, without the limits that are not worth it."""
     best = score
     for _ in range(_ROUNDS):
         former = best
-        best = refine(library, current, _sharpen(library, current, best))
+        best = refine(library, current, _sharpen(library, current, best, places))
         best = _fewer_limits(library, current, best)
         if best.bic > former.bic - 1.0:
             break
@@ -166,11 +182,11 @@ def _fewer_limits(library: Library, current: Basis, score: Score) -> Score:
     return best
 
 
-def _sharpen(library: Library, current: Basis, score: Score) -> Score:
+def _sharpen(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
     """Each limit moved to where it fits best near by."""
     best = score
     for k, gate in enumerate(score.term.gates):
-        at = library.space.places[gate.variable]
+        at = places[gate.variable]
         here = int(np.argmin(np.abs(at.limits - _limit(gate))))
         near = at.limits[[i for by in _STEPS if 0 <= (i := here + by) < len(at.limits)]]
         for value in np.r_[near, at.limits[here] + at.gaps[here] * _WITHIN]:
