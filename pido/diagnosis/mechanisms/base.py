@@ -126,6 +126,14 @@ class Mechanism(ABC):
         top = size.max(axis=0)
         return np.max(size / np.where(top > 0, top, 1.0), axis=1) if len(size) else np.zeros(0)
 
+    def equation_in(self, axis: str, shape: Mapping[str, float]) -> str:
+        """The equation in the form that a shape chooses; dI, v, a, pos and _i are those of the axis."""
+        return self.equation
+
+    def idle(self, shape: Mapping[str, float]) -> frozenset[str]:
+        """Names of the parameters that the form chosen by a shape does without."""
+        return frozenset()
+
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         """(summary in an operator's words, conditions in the form of the contract)."""
         return self.summary.format(axis=axis, **shape), ()
