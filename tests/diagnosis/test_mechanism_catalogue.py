@@ -62,11 +62,16 @@ def test_regressors_are_finite_with_one_column_per_amplitude(mechanism):
 
 def forms(mechanism):
     """Every combination of the forms that a mechanism chooses among, its other shapes between their limits."""
-    numbers = {"p_0": 0.0, "x_c": 0.0, "y_c": 0.0}
-    choices = {p.name: p.values for p in mechanism.shape if p.is_choice and p.name not in numbers}
+    choices = {p.name: p.values for p in mechanism.shape if p.is_choice}
     rest = {p.name: p.grid[0 if p.values else len(p.grid) // 2] for p in mechanism.shape}
     for values in itertools.product(*choices.values()):
         yield rest | dict(zip(choices, values, strict=True)), [p for p in mechanism.shape if p.name not in choices]
+
+
+def test_a_place_is_a_number_and_no_choice_among_forms():
+    places = [p for m in CATALOGUE for p in m.shape if p.name in ("p_0", "x_c", "y_c")]
+    assert len(places) == 3
+    assert not any(p.is_choice for p in places)
 
 
 def full_state(axis):

@@ -47,7 +47,7 @@ class Parameter:
     @property
     def is_choice(self) -> bool:
         """Whether it numbers textbook forms, which have nothing between them."""
-        return bool(self.values) and self.values == tuple(float(i) for i in range(len(self.values)))
+        return len(self.values) > 1 and self.values == tuple(float(i) for i in range(len(self.values)))
 
     def around(self, value: float) -> tuple[float, float]:
         """From the grid's neighbour below a value to the one above."""
