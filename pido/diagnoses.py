@@ -14,7 +14,7 @@ from typing import Any
 from pido.core.recording import Recording
 from pido.diagnosis import contract
 from pido.diagnosis.diagnose import diagnose
-from pido.diagnosis.finding import Diagnosis, HeldOut
+from pido.diagnosis.finding import Diagnosis, Finding, HeldOut
 from pido.reports.diagnosis import diagnosis_page
 from pido.reports.page import write_page
 
@@ -34,14 +34,21 @@ def diagnose_into(folder: Path, recordings: Sequence[Recording], **how: Any) -> 
 
 def summary(found: Diagnosis) -> list[str]:
     """One line per finding, then the axes on which nothing was found."""
-    lines = [f"{f.axis}   {f.mechanism}   {f.where.summary}{_gain(f.fit)}" for f in found.findings]
+    lines = [f"{f.axis}   {f.mechanism}   {_what(f)}{_gain(f.fit, found.beside_others(f))}" for f in found.findings]
     if found.clean_axes:
         lines.append(f"{', '.join(found.clean_axes)}   nothing significant")
     return lines
 
 
-def _gain(fit: HeldOut) -> str:
+def _what(finding: Finding) -> str:
+    """Where it acts; of a finding without a name the formula, too, which is all that it says."""
+    where = finding.where.summary
+    return f"{where}: {finding.equation}" if finding.kind == "unexplained" else where
+
+
+def _gain(fit: HeldOut, beside_others: bool) -> str:
     """Nothing for rows that were set aside: no fit was made."""
     if not math.isfinite(fit.rmse_before):
         return ""
-    return f"   RMSE {fit.rmse_before:.3g} -> {fit.rmse_after:.3g} ({fit.scheme})"
+    others = ", without it -> with it, beside the axis' other findings" if beside_others else ""
+    return f"   RMSE {fit.rmse_before:.3g} -> {fit.rmse_after:.3g} ({fit.scheme}{others})"

@@ -46,12 +46,13 @@ def finding_of(
     """One term of one axis as a finding. effect : (n,), A on every row of `mismatch`."""
     term = answer.terms[which]
     known = units(term.mechanism, dict(term.shape), mismatch.axis)
+    idle = term.mechanism.idle(dict(term.shape))
     return Finding(
         axis=mismatch.axis,
         mechanism=term.name,
         kind=kind_of(term),
         equation=equation_text(term, mismatch.axis),
-        parameters={n: replace(e, unit=known.get(n, e.unit)) for n, e in parameters.items()},
+        parameters={n: replace(e, unit=known.get(n, e.unit)) for n, e in parameters.items() if n not in idle},
         where=where_of(mismatch.states, term, effect, mismatch.edges, noise_level),
         evidence=Evidence(answer.p_values[which], answer.q_values[which], answer.delta_bic[which]),
         fit=held_out,
@@ -61,14 +62,14 @@ def finding_of(
 
 
 def equation_text(term: Term, axis: str) -> str:
-    """The mechanism's equation with the axis' name put in, and its region."""
-    text = term.mechanism.equation
+    """The mechanism's equation in the form of the term, with the axis' name put in, and its region."""
+    text = term.mechanism.equation_in(axis, dict(term.shape))
     text = re.sub(r"\bdI\b(?!_)", f"dI_{axis}", text)
     text = re.sub(r"_i\b", f"_{axis}", text)
     text = re.sub(r"(?<![\w|])(v|a|pos)(?![\w_(])", rf"\1_{axis}", text)
     text = re.sub(r"\|(v|a)\|", rf"|\1_{axis}|", text)
     if term.gates:
-        text += " where " + " and ".join(g.condition for g in term.gates)
+        text += ", only where " + " and ".join(g.condition for g in term.gates)
     return text
 
 

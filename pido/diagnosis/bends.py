@@ -37,7 +37,8 @@ class Bend(Unnamed):
         return f"dI = g_0 + g_1 * w + g_2 * w^2, w = ({self.signal} - {middle:.4g}) / {half:.4g}"
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-        return f"depending on {self.signal}", ()
+        low, high = self.seen
+        return f"depending on {self.signal} from {low:.3g} to {high:.3g}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return _powers(signals(state, [self.signal])[self.signal][0], self.seen)

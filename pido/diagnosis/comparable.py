@@ -14,17 +14,19 @@ import numpy as np
 
 from pido.core.arrays import Bool1D
 from pido.core.axes import AXES
-from pido.core.columns import CURRENT, CURRENT_SIM, POSITION, VELOCITY
+from pido.core.columns import CURRENT, CURRENT_SIM, POSITION, UNITS, VELOCITY
 from pido.core.errors import DiagnosisError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
-from pido.diagnosis.faults import beyond_load
+from pido.diagnosis.consistency import runs
+from pido.diagnosis.faults import beyond_load, extreme_loads
 from pido.diagnosis.state import motion
 
 LEAST_ROWS = 500
 """Samples of a part, and samples of an axis that have both currents, below which nothing is concluded."""
 _SHORT_S = 60.0  # of motion in all parts: less shows only strong effects
 _WHOLE = 0.98  # share of the recorded samples that a simulation covers: a smaller one is said
+_PLACES = 3  # that a note names
 _LEAST_RUN = 20  # samples in a row with both currents: shorter ones are two rates laid over each other
 
 
@@ -84,14 +86,30 @@ def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: 
 def _beyond_load(parts: Sequence[Recording]) -> list[str]:
     notes = []
     for r in parts:
-        rows = np.flatnonzero(beyond_load(r))
-        if len(rows):
-            notes.append(
-                f"part {r.part.part}: {len(rows)} samples from {r.time[rows[0]]:.2f} s on have a simulated load many "
-                "times that of all others, as of a rapid through material; they are left out. Check the simulation "
-                "there."
-            )
+        rows = beyond_load(r)
+        if not rows.any():
+            continue
+        loads = [
+            f"{name} reaches {load.largest:.4g} {UNITS[name]}, {load.largest / load.usual:.0f} times what 99 % of its "
+            "loaded samples stay below"
+            for name, load in extreme_loads(r).items()
+        ]
+        notes.append(
+            f"part {r.part.part}: {rows.sum()} samples with an extreme simulated load are left out "
+            f"({_places(r, rows)}): {'; '.join(loads)}. Either the tool plunges there with its whole end, and the load "
+            "is real, or the simulation drives a rapid through material: check the simulation there."
+        )
     return notes
+
+
+def _places(recording: Recording, rows: Bool1D) -> str:
+    """Where rows are: the first stretches in time, and the NC blocks that they begin in."""
+    found = runs(rows)
+    text = ", ".join(f"{recording.time[i]:.2f} to {recording.time[j]:.2f} s" for i, j in found[:_PLACES])
+    more = f" and {len(found) - _PLACES} more" if len(found) > _PLACES else ""
+    line = np.asarray(recording["nc_line"], float) if "nc_line" in recording else np.full(len(rows), np.nan)
+    blocks = ", ".join(dict.fromkeys(f"{line[i]:.0f}" for i, _ in found[:_PLACES] if np.isfinite(line[i])))
+    return f"{text}{more}{f', NC block {blocks}' if blocks else ''}"
 
 
 def _no_current(parts: Sequence[Recording], axis: str) -> str | None:

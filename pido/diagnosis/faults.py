@@ -8,6 +8,7 @@ data's own noise); the only fixed numbers are speeds and accelerations that no m
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 from weakref import finalize, ref
 
@@ -51,19 +52,42 @@ def input_faults(recording: Recording) -> dict[str, tuple[Fault, ...]]:
     return out
 
 
-def beyond_load(recording: Recording) -> Bool1D:
-    """(n,) – rows with a simulated load that the rest of the part comes nowhere near, as of a rapid through material.
+@dataclass(frozen=True, slots=True)
+class ExtremeLoad:
+    """A simulated load that is far beyond that of the rest of the part: where, how large at most, and what is usual.
 
-    The few of them would decide every fit of what depends on the load.
+    rows : (n,); largest, usual : in the column's unit, `usual` is what one in a hundred loaded samples exceeds
     """
-    rows = np.zeros(len(recording), bool)
+
+    rows: Bool1D
+    largest: float
+    usual: float
+
+
+def extreme_loads(recording: Recording) -> dict[str, ExtremeLoad]:
+    """Per column the simulated load that the rest of the part comes nowhere near, as of a rapid through material, or
+    of a plunge with the whole end of the tool; only columns that have one.
+    """
+    out = {}
     for name in (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim"):
         if name not in recording:
             continue
         size = np.abs(np.nan_to_num(np.asarray(recording[name], float)))
         loaded = size[size > 0]
-        if len(loaded) >= _FEW_LOADED:
-            rows |= size > _BEYOND_LOAD * float(np.quantile(loaded, 0.99))
+        if len(loaded) < _FEW_LOADED:
+            continue
+        usual = float(np.quantile(loaded, 0.99))
+        rows = size > _BEYOND_LOAD * usual
+        if rows.any():
+            out[name] = ExtremeLoad(rows, float(size[rows].max()), usual)
+    return out
+
+
+def beyond_load(recording: Recording) -> Bool1D:
+    """(n,) – rows with an extreme load. The few of them would decide every fit of what depends on the load."""
+    rows = np.zeros(len(recording), bool)
+    for load in extreme_loads(recording).values():
+        rows |= load.rows
     return rows
 
 

@@ -120,3 +120,8 @@ class Diagnosis:
     model: Mapping[str, object]
     rejected: tuple[Rejected, ...] = ()
     notes: tuple[str, ...] = field(default=())  # what could not be answered on these data, and why
+
+    def beside_others(self, finding: Finding) -> bool:
+        """Whether the errors of a finding, before and after, both contain the other findings of its axis."""
+        others = any(f is not finding and f.axis == finding.axis for f in self.findings)
+        return others and finding.fit.scheme.startswith("leave-one")

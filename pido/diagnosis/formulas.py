@@ -62,7 +62,7 @@ class Formula(Unnamed):
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
         if not self.factors:
             return "a level of its own", ()
-        return f"with {' and '.join(dict.fromkeys(s for s, _ in self.factors))}", ()
+        return f"depending on {' and '.join(dict.fromkeys(s for s, _ in self.factors))}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return np.broadcast_to(self.values(signals(state, [n for n, _ in self.factors])), len(state.time))[:, None]
@@ -138,7 +138,11 @@ class Surface(Unnamed):
         return tuple(Parameter(f"g_{i}", "A") for i in range(count))
 
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
-        return f"depending on {' and '.join(self.variables)}", ()
+        ranges = [
+            f"{name} from {knots[0]:.3g} to {knots[-1]:.3g}"
+            for name, knots in zip(self.variables, self.knots, strict=True)
+        ]
+        return f"depending on {' and '.join(ranges)}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         known = signals(state, self.variables)

@@ -39,7 +39,7 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
     for finding in diagnosis.findings:
         figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
         drawn.add(finding.axis)
-        sections.append(_finding(finding, figures))
+        sections.append(_finding(finding, diagnosis.beside_others(finding), figures))
     if not diagnosis.findings:
         sections.append(Section("Recorded and simulated where they differ most", figures=_clean(diagnosis, by_part)))
     next_recordings = _what_to_record(diagnosis)
@@ -92,7 +92,7 @@ def _overview(diagnosis: Diagnosis) -> Section:
     return Section("Findings, the strongest first", table=Table(head, rows))
 
 
-def _finding(f: Finding, figures: list[figure]) -> Section:
+def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     lines = [f"{in_words(f.mechanism)}: {f.equation}", f"Where: {f.where.summary}"]
     if f.where.workpiece:
         lines.append(f"On the workpiece: {f.where.workpiece}")
@@ -105,9 +105,10 @@ def _finding(f: Finding, figures: list[figure]) -> Section:
             f"{_chance(f.evidence.q_value)}; difference in BIC {number(f.evidence.delta_bic)}."
         )
     if np.isfinite(f.fit.rmse_before):
+        others = ", without it → with it, beside the axis' other findings" if beside_others else ""
         lines.append(
-            f"On unseen data ({f.fit.scheme}): RMSE {number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}, R² "
-            f"{f.fit.r2_before:.4f} → {f.fit.r2_after:.4f}, p {_chance(f.fit.p_value)}."
+            f"On unseen data ({f.fit.scheme}{others}): RMSE {number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}, "
+            f"R² {f.fit.r2_before:.4f} → {f.fit.r2_after:.4f}, p {_chance(f.fit.p_value)}."
         )
     else:
         lines.append("A contradiction within the recording itself: no fit is needed to see it, and none was made.")

@@ -1,5 +1,7 @@
 """A part that does not say what a finding follows from is not corrected in silence."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from pido.diagnosis.correct import correct
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.formulas import Formula
 from pido.diagnosis.mechanisms import CATALOGUE
-from pido.diagnosis.models import AxisModel, as_json, known_of
+from pido.diagnosis.models import AxisModel, as_json, known_of, shifted
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 
@@ -55,3 +57,13 @@ def test_what_has_no_name_says_which_quantity_it_misses(term):
     model = model_of(term, part(coolant=np.ones(500), f_x_sim=np.ones(500)))
     with pytest.raises(DiagnosisError, match=r"p1: .* depends on (coolant|f_x)"):
         correct(model, part())
+
+
+@pytest.mark.parametrize("last", [5e-324, 1e-310, 1e-200])
+def test_a_current_that_fades_out_below_all_numbers_is_shifted_without_a_warning(last):
+    t = np.arange(400) * 0.02
+    fading = np.geomspace(1.0, last, 400)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        moved = shifted(t, fading, (0.02, 0.0))
+    np.testing.assert_allclose(moved[1:], fading[:-1], rtol=1e-9, atol=1e-300)

@@ -5,6 +5,7 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.comparable import comparable_axes
 from pido.diagnosis.faults import clipping, displaced, faulty, input_faults
 from pido.recordings import read_recording
 
@@ -159,3 +160,20 @@ def test_an_air_cut_of_a_real_machine_has_faults_in_the_spindle_only(real_data):
 )
 def test_real_recordings_without_faults_have_none(real_data, name):
     assert input_faults(read_recording(real_data / name)) == {}
+
+
+def test_a_note_on_an_extreme_load_says_which_where_and_what_it_may_be():
+    made = axis_in_motion(50.0)
+    n = len(made)
+    rng = np.random.default_rng(3)
+    force, line = rng.uniform(50.0, 100.0, n), np.repeat(np.arange(10, 10 + n // 100 + 1), 100)[:n]
+    force[700:705] = 2000.0
+    columns = {"f_z_sim": force, "f_x_sim": rng.uniform(1.0, 2.0, n), "nc_line": line, "curr_x": rng.normal(0, 1, n)}
+    notes: list[str] = []
+    comparable_axes([made.with_columns(**columns)], None, notes)
+    (note,) = [each for each in notes if "extreme" in each]
+    for said in ("part p:", "5 samples", "14.00 to 14.08 s", "NC block 17", "f_z_sim reaches 2000 N", "20 times"):
+        assert said in note
+    assert "f_x_sim" not in note
+    assert "plunges" in note
+    assert "rapid" in note

@@ -1,13 +1,21 @@
 """What every mechanism of the catalogue owes its users, and what states and faults are known to be."""
 
+import itertools
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.answers import equation_text
+from pido.diagnosis.bends import Bend
 from pido.diagnosis.faults import clipping, input_faults, time_shift
+from pido.diagnosis.formulas import Surface
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.state import axis_state, axis_states
+from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.units import units
 
 HOLDING_FRICTION = {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction"}
@@ -50,6 +58,75 @@ def test_regressors_are_finite_with_one_column_per_amplitude(mechanism):
         where = mechanism.where(state, **first_shape(mechanism))
         assert where.min() >= 0
         assert where.max() <= 1
+
+
+def forms(mechanism):
+    """Every combination of the forms that a mechanism chooses among, its other shapes between their limits."""
+    choices = {p.name: p.values for p in mechanism.shape if p.is_choice}
+    rest = {p.name: p.grid[0 if p.values else len(p.grid) // 2] for p in mechanism.shape}
+    for values in itertools.product(*choices.values()):
+        yield rest | dict(zip(choices, values, strict=True)), [p for p in mechanism.shape if p.name not in choices]
+
+
+def test_a_place_is_a_number_and_no_choice_among_forms():
+    places = [p for m in CATALOGUE for p in m.shape if p.name in ("p_0", "x_c", "y_c")]
+    assert len(places) == 3
+    assert not any(p.is_choice for p in places)
+
+
+def full_state(axis):
+    """One in which every form has an effect."""
+    state = axis_state(recording(), axis)
+    ones = np.ones(len(state.time))
+    state = replace(state, edge_length=3 * ones, end_length=8 * ones, teeth_in_cut=2 * ones, tool_radius=8 * ones)
+    return replace(state, tool_mass=2 * ones, vertical=True, clock=state.time, earlier=())
+
+
+@pytest.mark.parametrize("mechanism", CATALOGUE, ids=lambda m: m.id)
+def test_an_equation_states_one_form_and_names_what_acts_in_it(mechanism):
+    for axis in mechanism.axes:
+        state = full_state(axis)
+        for shape, numbers in forms(mechanism):
+            text = equation_text(Term(mechanism, tuple(shape.items())), axis)
+            assert " or " not in text
+            assert text.startswith(f"dI_{axis} = ")
+            assert not re.search(rf"[a-z] a_{axis}\b", text), "an article is no acceleration"
+            columns = mechanism.regressors(state, **shape)
+            idle = mechanism.idle(shape)
+            for amplitude, column in zip(mechanism.amplitudes, columns.T, strict=True):
+                assert amplitude.name in text or not column.any()
+                assert (amplitude.name in idle) <= (not column.any())
+            for p in (*mechanism.amplitudes, *numbers):
+                assert (p.name in idle) != bool(re.search(rf"(?<!\w){re.escape(p.name)}(?!\w)", text)), (p.name, text)
+            for p in numbers:
+                if p.name in idle:
+                    other = mechanism.regressors(state, **{**shape, p.name: 1.7 * shape[p.name] + 0.3})
+                    np.testing.assert_array_equal(other, columns)
+
+
+@pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if "x" in m.axes], ids=lambda m: m.id)
+def test_an_equation_says_of_standstill_what_is_so(mechanism):
+    state = full_state("x")
+    for shape, _ in forms(mechanism):
+        text = mechanism.equation_in("x", shape)
+        acts = mechanism.regressors(state, **shape)[~state.moving].any()
+        if text.startswith("dI = F_p * (z - sgn(v))"):
+            continue  # it is what the simulation has that is zero there
+        assert not (acts and "at rest 0" in text), text
+        assert acts or "held at rest" not in text, text
+
+
+def test_an_equation_says_where_it_is_confined():
+    coulomb = next(m for m in CATALOGUE if m.id == "coulomb_friction")
+    term = Term(coulomb, (("rest", 2.0),), (Gate("v_x", high=8.0),))
+    held = "held at rest, turning over 0.03 mm after reversals"
+    assert equation_text(term, "x") == f"dI_x = F_c * sgn(v_x), {held}, only where v_x < 8"
+
+
+def test_a_curve_without_a_name_says_over_which_range_it_was_seen():
+    surface = Surface(("v_x", "AR"), ((-20.0, 0.0, 30.0), (0.0, 4.0)), (False, False))
+    assert surface.conditions("x", {})[0] == "depending on v_x from -20 to 30 and AR from 0 to 4"
+    assert Bend("pos_x", (10.0, 250.0)).conditions("x", {})[0] == "depending on pos_x from 10 to 250"
 
 
 @pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in HOLDING_FRICTION], ids=lambda m: m.id)

@@ -11,6 +11,7 @@ import pytest
 from pido.core.errors import DiagnosisError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnoses import summary
 from pido.diagnosis import contract
 from pido.diagnosis.finding import (
     Alternative,
@@ -169,3 +170,23 @@ def test_a_fault_of_the_inputs_claims_no_fit():
     assert "falls from" not in page.verdict
     assert "nan" not in page.verdict
     assert "no fit is needed" in render(page)
+
+
+def test_errors_beside_other_findings_of_the_axis_are_said_to_be_so():
+    diagnosis, recording = _diagnosis()
+    one = diagnosis.findings[0]
+    (line, _) = summary(diagnosis)
+    assert line.endswith("RMSE 0.31 -> 0.12 (leave-one-part-out)")
+    two = replace(diagnosis, findings=(one, replace(one, mechanism="backlash"), replace(one, axis="y")))
+    beside = "without it -> with it, beside the axis' other findings"
+    assert [beside in line for line in summary(two)] == [True, True, False, False]
+    assert render(diagnosis_page(two, [recording])).count("without it → with it") == 2
+
+
+def test_a_finding_without_a_name_shows_its_formula_in_the_summary():
+    diagnosis, _ = _diagnosis()
+    formula = "dI_x = k * v_x * v_y"
+    where = replace(diagnosis.findings[0].where, summary="depending on v_x and v_y")
+    unknown = replace(diagnosis.findings[0], mechanism="unknown", kind="unexplained", equation=formula, where=where)
+    (line, _) = summary(replace(diagnosis, findings=(unknown,)))
+    assert line.startswith(f"x   unknown   depending on v_x and v_y: {formula}   RMSE")

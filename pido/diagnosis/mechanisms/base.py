@@ -47,7 +47,7 @@ class Parameter:
     @property
     def is_choice(self) -> bool:
         """Whether it numbers textbook forms, which have nothing between them."""
-        return bool(self.values) and self.values == tuple(float(i) for i in range(len(self.values)))
+        return len(self.values) > 1 and self.values == tuple(float(i) for i in range(len(self.values)))
 
     def around(self, value: float) -> tuple[float, float]:
         """From the grid's neighbour below a value to the one above."""
@@ -125,6 +125,14 @@ class Mechanism(ABC):
         size = np.abs(np.nan_to_num(self.regressors(state, **shape)))
         top = size.max(axis=0)
         return np.max(size / np.where(top > 0, top, 1.0), axis=1) if len(size) else np.zeros(0)
+
+    def equation_in(self, axis: str, shape: Mapping[str, float]) -> str:
+        """The equation in the form that a shape chooses; dI, v, a, pos and _i are those of the axis."""
+        return self.equation
+
+    def idle(self, shape: Mapping[str, float]) -> frozenset[str]:
+        """Names of the parameters that the form chosen by a shape does without."""
+        return frozenset()
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         """(summary in an operator's words, conditions in the form of the contract)."""

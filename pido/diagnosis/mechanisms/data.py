@@ -93,6 +93,14 @@ class SensorClipping(_OfSimulation):
         sign = (0.0, 1.0, -1.0)[int(np.clip(round(side), 0, 2))]
         return column(over if sign == 0 else over * (sign * state.sim > 0))
 
+    def equation_in(self, axis, shape):
+        form = (
+            "(|I_sim| - I_max) * sgn(I_sim) beyond |I_sim| = I_max",
+            "(I_sim - I_max) above I_sim = I_max",
+            "(I_sim + I_max) below I_sim = -I_max",
+        )[int(np.clip(round(shape["side"]), 0, 2))]
+        return f"dI = -c * {form}, else 0; c near 1"
+
     def starts(self, states):
         """Limits at quantiles of the simulated current's size, on each side that it reaches."""
         sims = [s.sim[np.isfinite(s.sim)] for s in states if s.sim is not None]

@@ -64,7 +64,7 @@ class GravityLoad(Mechanism):
     """Weight on a vertical axis; `by_tool`: 0 constant, 1 in proportion to the tool's mass."""
 
     id = "gravity_load"
-    equation = "dI = G (constant) or g * m_tool"
+    equation = "dI = G (constant) or G * m_tool"
     amplitudes = (Parameter("G", "A or A/kg"),)
     shape = (choice("by_tool", 2),)
     axes = LINEAR_AXES
@@ -76,6 +76,9 @@ class GravityLoad(Mechanism):
         if round(by_tool) == 0:
             return column(np.ones(len(state.time)))
         return nothing(state) if state.tool_mass is None else column(state.tool_mass)
+
+    def equation_in(self, axis, shape):
+        return ("dI = G", "dI = G * m_tool")[round(shape["by_tool"])]
 
     def needs(self, states):
         if any(s.vertical is None for s in states):
@@ -103,6 +106,10 @@ class Backlash(Mechanism):
     def regressors(self, state, *, gap, edge, per):
         s = state.since_reversal if round(per) == 0 else state.since_reversal_s
         return column(lost_motion(s, gap, edge) * state.held)
+
+    def equation_in(self, axis, shape):
+        s = ("way", "time")[round(shape["per"])]
+        return f"dI = B * exp(-(s / gap)^edge) * sgn(v), held at rest; s = {s} since the last reversal"
 
     def needs(self, states):
         return turns(states)
@@ -137,6 +144,11 @@ class AxisCoupling(Mechanism):
             return nothing(state)
         right = np.ones(len(state.time)) if other.wrong is None else ~other.wrong
         return column((other.a, other.v * other.moving, other.held * other.moving)[kind] * right)
+
+    def equation_in(self, axis, shape):
+        j, kind = divmod(int(np.clip(round(shape["source"]), 0, 8)), 3)
+        name = LINEAR_AXES[j]
+        return f"dI = k * {(f'a_{name}', f'v_{name}', f'sgn(v_{name}), 0 while {name} rests')[kind]}"
 
     def needs(self, states):
         moved = any(np.any(o.moving) for s in states for n, o in s.others.items() if n in LINEAR_AXES)

@@ -36,6 +36,15 @@ def direction(state: AxisState, rest: float = 0.0) -> Float1D:
     return state.held * state.moving
 
 
+def at_rest(rest: float = 0.0) -> str:
+    """What `direction` is at standstill, as an equation says it."""
+    return f"held at rest, {_turning(rest)}" if round(rest) else "at rest 0"
+
+
+def _turning(rest: float) -> str:
+    return f"turning over {_TURNS_MM[round(rest) - 1]:g} mm after reversals"
+
+
 def moves(states: Sequence[AxisState]) -> str | None:
     """Why friction cannot be seen: the axis never moves."""
     return None if any(np.any(s.moving) for s in states) else "the axis never moves in these parts"
@@ -58,6 +67,9 @@ class CoulombFriction(Mechanism):
 
     def regressors(self, state, *, rest=0.0):
         return column(direction(state, rest))
+
+    def equation_in(self, axis, shape):
+        return f"dI = F_c * sgn(v), {at_rest(shape.get('rest', 0.0))}"
 
     def needs(self, states):
         return moves(states)
@@ -99,6 +111,9 @@ class StribeckFriction(Mechanism):
     def regressors(self, state, *, v_s, delta, rest=0.0):
         return column(stribeck_curve(state.v, v_s, delta) * direction(state, rest))
 
+    def equation_in(self, axis, shape):
+        return f"dI = (F_s - F_c) * exp(-(|v| / v_s)^delta) * sgn(v), {at_rest(shape.get('rest', 0.0))}"
+
     def needs(self, states):
         return moves(states)
 
@@ -126,6 +141,10 @@ class StandstillFriction(Mechanism):
     def regressors(self, state, *, rest=0.0):
         return column((direction(state, rest) if round(rest) else state.held) * ~state.moving)
 
+    def equation_in(self, axis, shape):
+        rest = shape.get("rest", 0.0)
+        return f"{self.equation}, {_turning(rest)}" if round(rest) else self.equation
+
     def needs(self, states):
         still = any(np.any((s.held != 0) & ~s.moving) for s in states)
         return None if still else "the axis never stands still after a motion"
@@ -148,6 +167,14 @@ class FrictionAsymmetry(Mechanism):
         h = direction(state, rest)
         weight = (np.abs(h) / 2, np.maximum(h, 0.0), np.minimum(h, 0.0))[int(np.clip(round(side), 0, 2))]
         return np.column_stack([weight, weight * np.abs(state.v)])
+
+    def equation_in(self, axis, shape):
+        form = (
+            "(dF_c + dF_v * |v|) / 2 in both directions",
+            "dF_c + dF_v * |v| in + direction only",
+            "-(dF_c + dF_v * |v|) in - direction only",
+        )[int(np.clip(round(shape["side"]), 0, 2))]
+        return f"dI = {form}, {at_rest(shape.get('rest', 0.0))}"
 
     def needs(self, states):
         both = any(np.any(direction(s) > 0) for s in states) and any(np.any(direction(s) < 0) for s in states)
@@ -174,6 +201,11 @@ class LoadDependentFriction(Mechanism):
         others = [np.abs(f) for a, f in state.forces.items() if a != state.axis]
         load = (state.force_perp, *others)[round(across)]
         return column(load * direction(state, rest))
+
+    def equation_in(self, axis, shape):
+        one, other = (f"f_{a}" for a in LINEAR_AXES if a != axis)
+        load = (f"sqrt({one}^2 + {other}^2)", f"|{one}|", f"|{other}|")[round(shape.get("across", 0.0))]
+        return f"dI = mu * {load} * sgn(v), {at_rest(shape.get('rest', 0.0))}"
 
     def needs(self, states):
         if any(s.force_perp is None for s in states):
@@ -217,6 +249,27 @@ class PositionDependentFriction(Mechanism):
         if round(form) == 4:
             return np.column_stack([zero, u, u**2 - 1 / 3]) * h[:, None]
         return np.column_stack([zero, np.exp(-(u**2) / 2), zero]) * h[:, None]
+
+    def equation_in(self, axis, shape):
+        form = round(shape["form"])
+        g = (
+            "(G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L))",
+            "(G_0 + G_1 * u + G_2 * u^2)",
+            "G_1 * exp(-u^2 / 2)",
+            "(G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L))",
+            "(G_1 * u + G_2 * (u^2 - 1/3))",
+        )[form]
+        u = "" if form in (0, 3) else "; u = (pos - p_0) / L"
+        return f"dI = {g} * sgn(v), {at_rest(shape.get('rest', 0.0))}{u}"
+
+    def idle(self, shape):
+        return (
+            frozenset({"p_0"}),
+            frozenset[str](),
+            frozenset({"G_0", "G_2"}),
+            frozenset({"G_0", "p_0"}),
+            frozenset({"G_0"}),
+        )[round(shape["form"])]
 
     def needs(self, states):
         return "no position of the axis" if any(s.pos is None for s in states) else moves(states)
@@ -298,6 +351,10 @@ class PreslidingHysteresis(Mechanism):
         z = dahl_state(state.held, state.since_reversal, state.segment, x_0)
         simulated = (state.held, np.zeros(len(z)), direction(state))[round(full)]
         return column(z - simulated)
+
+    def equation_in(self, axis, shape):
+        lacks = ("(z - h)", "z", f"(z - sgn(v)), sgn(v) {at_rest()}")[round(shape["full"])]
+        return f"dI = F_p * {lacks}; dz/ds = (h - z) / x_0, h = direction of the last motion"
 
     def needs(self, states):
         return turns(states)

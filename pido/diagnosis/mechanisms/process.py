@@ -12,13 +12,18 @@ import numpy as np
 from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
-from pido.diagnosis.mechanisms.friction import direction
+from pido.diagnosis.mechanisms.friction import at_rest, direction
 from pido.diagnosis.state import AxisState
 
 
 def load(state: AxisState) -> Float1D | None:
     """(n,) – what the process does to this axis: N along a linear axis, N·m at the spindle."""
     return state.m_sp if state.axis == "sp" else state.force
+
+
+def _load_in(axis: str) -> str:
+    """`load` as an equation names it."""
+    return "M_sp" if axis == "sp" else "f_i"
 
 
 def engages(states: Sequence[AxisState]) -> str | None:
@@ -75,6 +80,15 @@ class EdgeForce(Mechanism):
         if state.engaged is None or edge is None or side is None:
             return nothing(state)
         return column(edge * state.engaged * side)
+
+    def equation_in(self, axis, shape):
+        along, length = round(shape["along"]), round(shape["length"])
+        share = ("", "sgn(v)", "tool radius * sgn(v)" if axis == "sp" else "v / feed", "f_i / |F|")[along]
+        edge = ("", "a_p", "a_p * teeth in cut", "a_p * teeth in cut")[length]
+        product = " * ".join(part for part in ("K_e", edge, share) if part)
+        more = ("", f", {at_rest()}", f", {at_rest()}", "; F = whole process force")[along]
+        plunge = "; in plunges the tool radius stands for a_p" if length == 3 else ""
+        return f"dI = {product} while engaged{more}{plunge}"
 
     def starts(self, states):
         ends = any(
@@ -138,6 +152,16 @@ class ToolWear(Mechanism):
         ]
         return nothing(state) if factor is None else column(used * factor)
 
+    def equation_in(self, axis, shape):
+        used = ("volume that the edge has cut, cm³", "time that the edge has cut, min")[round(shape["by"])]
+        of = (
+            f"V * {_load_in(axis)}",
+            "V while engaged",
+            f"V * sgn(v) while engaged, {at_rest()}",
+            "V * M_sp",
+        )[int(np.clip(round(shape["of"]), 0, 3))]
+        return f"dI = W * {of}; V = {used}"
+
     def needs(self, states):
         return engages(states)
 
@@ -172,6 +196,14 @@ class MaterialHardZone(Mechanism):
         # An edge as wide as a twentieth of the zone lets a search move it; a tool is never as sharp as a line.
         inside = 0.5 * (1.0 - np.tanh((np.nan_to_num(way, nan=np.inf) - 1.0) / 0.05))
         return column(inside * force)
+
+    def equation_in(self, axis, shape):
+        zone = ("sqrt((x - x_c)^2 + (y - y_c)^2) < r", "|x - x_c| < r and |y - y_c| < q * r")[round(shape["form"])]
+        frame = ("from the workpiece's centre", "in machine coordinates")[round(shape["frame"])]
+        return f"dI = H * {_load_in(axis)} inside {zone}, x and y {frame}"
+
+    def idle(self, shape):
+        return frozenset({"q"}) if round(shape["form"]) == 0 else frozenset()
 
     def needs(self, states):
         if any(_place(s, True) is None for s in states):
@@ -309,6 +341,9 @@ class CoolantLoad(Mechanism):
         if state.coolant is None:
             return nothing(state)
         return column(np.nan_to_num(state.coolant) * (direction(state) if round(along) == 1 else 1.0))
+
+    def equation_in(self, axis, shape):
+        return f"{self.equation} * sgn(v), {at_rest()}" if round(shape["along"]) == 1 else self.equation
 
     def needs(self, states):
         if any(s.coolant is None for s in states):

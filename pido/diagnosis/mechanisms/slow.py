@@ -11,7 +11,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
-from pido.diagnosis.mechanisms.friction import direction
+from pido.diagnosis.mechanisms.friction import at_rest, direction
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
 from pido.physics.thermal import coldness, coldness_after
@@ -50,6 +50,17 @@ class ThermalDrift(Mechanism):
         level = 1.0 - cold if round(rises) == 1 else cold
         factor = (np.ones(len(cold)), direction(state), state.v * state.moving)[int(np.clip(round(along), 0, 2))]
         return column(level * factor)
+
+    def equation_in(self, axis, shape):
+        clock, rises = round(shape["clock"]), round(shape["rises"]) == 1
+        cold = f"{'c_0 * ' if clock > 1 else ''}exp(-t / tau)"
+        along = ("", f" * sgn(v), {at_rest()}", " * v")[int(np.clip(round(shape["along"]), 0, 2))]
+        since = (
+            "t = time since the start of each part",
+            "t = time since the start of the first part",
+            "t = time since the start of each part, c_0 = 1 in the first part, less after short pauses",
+        )[min(clock, 2)]
+        return f"dI = T * {f'(1 - {cold})' if rises else cold}{along}; {since}"
 
     def starts(self, states):
         """Five time constants between a fifth of the longest part and three times the whole time on the clock."""
@@ -99,6 +110,18 @@ class CurrentSaturation(Mechanism):
         if form == 3:
             return column(sim - I_k * np.tanh(sim / I_k))
         return column(sim * np.abs(sim) ** form)
+
+    def equation_in(self, axis, shape):
+        form = (
+            "s * (|I| - I_k) * sgn(I) beyond |I| = I_k, else 0",
+            "s * I * |I|",
+            "s * I^3",
+            "s * (I - I_k * tanh(I / I_k))",
+        )[int(np.clip(round(shape["form"]), 0, 3))]
+        return f"dI = {form}; I = simulated current"
+
+    def idle(self, shape):
+        return frozenset({"I_k"}) if round(shape["form"]) in (1, 2) else frozenset()
 
     def needs(self, states):
         if any(s.sim is None for s in states):
