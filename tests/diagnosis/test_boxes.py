@@ -28,7 +28,8 @@ def rows_of(box, grid, known):
 def test_the_sum_over_a_box_is_that_of_the_rows_within_its_limits(seed, share):
     rng = np.random.default_rng(seed)
     known = variables(rng)
-    grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}))
+    places = {v: places_of(x) for v, x in known.items()}
+    grid = grid_at(known, cuts_of(places), *({v: at.limits} for v, at in places.items()))
     values = rng.normal(size=(2, 400)).astype(np.float32)
     box = int(share * len(grid.limits))
     inside = rows_of(box, grid, known)

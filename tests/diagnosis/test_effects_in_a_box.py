@@ -146,3 +146,23 @@ def test_what_few_blocks_show_in_sizes_of_their_own_holds_on_unseen_parts(size, 
     library.whiten(noise)
     _, reason = useless(library, noise, [Term(force, gates=(Gate("v_x", high=-8.0), Gate("v_y", low=8.0)))])
     assert (reason is None) == holds
+
+
+def with_rapids(seed, rate, count=4):
+    """The same machine, whose x axis now and then goes at twenty times its feeds for a second."""
+    for recording in recordings(seed, rate, count=count):
+        rapid = recording.time % 9.0 < 1.0
+        v = np.where(rapid, 500.0 * np.where(recording.time % 18.0 < 9.0, 1, -1), recording["v_x"])
+        v = np.convolve(v, np.ones(5) / 5, "same")
+        yield recording.with_columns(v_x=v, pos_x=np.cumsum(v) / rate, a_x=np.gradient(v, recording.time))
+
+
+def test_friction_that_ends_with_speed_is_found_beside_rapids():
+    """What a whitened rapid leaves in the rows after it is no part of the slow motion that follows."""
+    rng = np.random.default_rng(4)
+    states = axis_states(list(with_rapids(4, 50.0)), "x")
+    effects = [0.02 * s.v * (np.abs(s.v) < 16) for s in states]
+    mismatch = lay_out(states, [e + remembering(rng, len(e), 0.9) for e in effects])
+    (term,) = search(first_look(mismatch, rng), 1, False, rng).terms
+    assert term.mechanism.id == "viscous_friction"
+    assert {g.variable for g in term.gates} == {"v_x"}

@@ -43,6 +43,16 @@ def test_a_true_recording_has_no_fault_however_fast_noisy_or_smoothed(rate, nois
         assert input_faults(axis_in_motion(rate, seed, noise, box)) == {}
 
 
+def test_a_measured_acceleration_that_is_rough_while_it_is_large_is_no_fault():
+    for seed in range(6):
+        recording = axis_in_motion(50.0, seed, noise=0.0)
+        a = recording["a_x"]
+        rough = np.random.default_rng(seed).normal(0, 0.15, len(a)) * np.abs(a)
+        assert input_faults(recording.with_columns(a_x=a + rough)) == {}
+        spiked = put(recording.with_columns(a_x=a + rough), "a_x", slice(700, 702), 4 * np.abs(a).max())
+        assert set(input_faults(spiked)) == {"a_x"}
+
+
 def put(recording: Recording, column: str, rows: slice, values) -> Recording:
     signal = recording[column].copy()
     signal[rows] = values if np.isscalar(values) else signal[rows] + values

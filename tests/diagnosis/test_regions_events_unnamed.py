@@ -299,6 +299,23 @@ def test_a_faint_law_without_a_name_counts_by_its_own_size_and_not_by_the_noise(
     assert {"v_x", "v_y"} <= set(re.findall("v_.", term.mechanism.equation))
 
 
+def test_what_jumps_where_the_current_turns_is_one_curve_over_it_and_not_three_laws(monkeypatch):
+    """As the dead time of a drive's switches leaves it; the laws that each take a part of it are worse together."""
+    rng = np.random.default_rng(0)
+    parts = [r.with_columns(curr_x_sim=0.02 * r["v_x"] + 0.004 * r["a_x"]) for r in recordings()]
+    states = axis_states(parts, "x")
+    effects = [-0.1 * np.sign(s.sim) * np.exp(-np.abs(s.sim) / 0.1) for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in effects])
+    _, noise = laid_out(nothing)
+    box = tuple(g for v in ("v_x", "v_y") for g in (Gate(v, low=-9.0), Gate(v, high=9.0)))
+    laws = ("coulomb_friction", "inertia", "viscous_friction")
+    three = [Term(m, gates=box) for m in CATALOGUE if m.id in laws]
+    monkeypatch.setattr("pido.diagnosis.unnamed._best", lambda *_: [])  # nor any formula over other quantities
+    (term,), _ = with_unknown(library_of(mismatch, noise, *three), noise, three, seed=0)
+    assert term.name == "unknown"
+    assert term.mechanism.variables == ("I_x",)
+
+
 def test_a_named_effect_that_explains_everything_keeps_its_name():
     mismatch, noise = laid_out(lambda s: 0.03 * s.v)
     terms, note = with_unknown(library_of(mismatch, noise), noise, [Term(VISCOUS)], seed=0)
