@@ -18,7 +18,7 @@ from pido.core.arrays import Bool1D, Float1D
 
 _FACTOR = 12.0  # robust deviations that two signals never differ by
 _TAIL = 6.0  # times the difference that one sample in ten exceeds
-_ROUGH = 3.0  # the same where an acceleration is large
+_ROUGH = 3.0  # the same while the axis speeds up or slows down
 _EDGE = 2  # steps at either end of a stretch
 _NEGLIGIBLE = 1e-2  # of the largest values of a signal: a smaller contradiction does no harm
 _SHORT = 0.1  # of the largest accelerations: a shorter pulse may be this far from the change of speed
@@ -106,7 +106,9 @@ def _position_and_speed(
     usual = _usual(rate[use], (expected / step)[use])
     grain = _grain(pos)
     rounding = _ROUNDED * _rounded_to(pos) / float(np.median(step))
-    usual = max(usual, _in_motion(rate, use & (moved != 0)), rounding)
+    change = np.abs(np.diff(v) / step)
+    hard = use & (change > _SHORT * float(np.quantile(_few(change[use]), 0.999)))
+    usual = max(usual, _in_motion(rate, use & (moved != 0)), _while_hard(rate, hard), rounding)
     for name, stretches in zip(("pos", "v"), held, strict=True):
         frozen = np.zeros(len(time), bool)
         for i, j in stretches:
@@ -179,10 +181,7 @@ def _speed_and_acceleration(
     # Between two samples an acceleration may come and go; only what is large beside all others is a spike.
     short = _SHORT * float(np.quantile(np.abs(_few(rate[apart])), 0.999))
     usual = max(usual, short)
-    # An acceleration that is measured is as rough as its sensor while it is large, and smooth for the rest of the time.
-    hard = apart & (np.abs(rate) > short)
-    if hard.sum() >= _FEWEST:
-        usual = max(usual, _ROUGH * float(np.quantile(np.abs(off[hard]), 0.9)))
+    usual = max(usual, _while_hard(off, apart & (np.abs(rate) > short)))
     frozen = np.zeros(len(time), bool)
     for i, j in held:
         inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))
@@ -226,6 +225,12 @@ def _usual(difference: Float1D, signal: Float1D) -> float:
 def _in_motion(difference: Float1D, rows: Bool1D) -> float:
     """The same while the axis moves: where it stands, a rounded signal does not differ at all."""
     return _FACTOR * _deviation(difference[rows]) if rows.sum() >= _FEWEST else 0.0
+
+
+def _while_hard(difference: Float1D, rows: Bool1D) -> float:
+    """The same in the `rows` in which the axis speeds up or slows down: a measured signal is as rough as its sensor
+    there, or as late as its filter, and as it should be for the rest of the time."""
+    return _ROUGH * float(np.quantile(np.abs(difference[rows]), 0.9)) if rows.sum() >= _FEWEST else 0.0
 
 
 def _rounded_to(values: Float1D) -> float:

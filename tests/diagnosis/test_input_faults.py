@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
@@ -51,6 +52,16 @@ def test_a_measured_acceleration_that_is_rough_while_it_is_large_is_no_fault():
         assert input_faults(recording.with_columns(a_x=a + rough)) == {}
         spiked = put(recording.with_columns(a_x=a + rough), "a_x", slice(700, 702), 4 * np.abs(a).max())
         assert set(input_faults(spiked)) == {"a_x"}
+
+
+def test_a_speed_that_a_filter_delays_is_no_fault_at_its_peaks():
+    """Slow work with small changes of speed nearly all the time, and a few rapids that turn without a pause."""
+    t = np.arange(0.0, 40.0, 0.002)
+    v = 5.0 + np.sin(t) + 150.0 * np.sin(2 * np.pi * t / 0.2) * (np.mod(t, 10.0) < 0.2)
+    pos = np.cumsum(v) * 0.002
+    late = v[0] + lfilter([0.3], [1, -0.7], v - v[0])
+    columns = {"time": t, "pos_x": pos, "v_x": late, "a_x": np.gradient(late, t)}
+    assert input_faults(Recording(PartInfo(part="p", machine="m"), columns)) == {}
 
 
 def put(recording: Recording, column: str, rows: slice, values) -> Recording:
