@@ -19,6 +19,7 @@ from pido.core.arrays import Bool1D, Float1D
 _FACTOR = 12.0  # robust deviations that two signals never differ by
 _TAIL = 6.0  # times the difference that one sample in ten exceeds
 _ROUGH = 3.0  # the same while the axis speeds up or slows down
+_EXACT = 1e-6  # of a speed: what rounding and filters make of one that is constant
 _EDGE = 2  # steps at either end of a stretch
 _NEGLIGIBLE = 1e-2  # of the largest values of a signal: a smaller contradiction does no harm
 _SHORT = 0.1  # of the largest accelerations: a shorter pulse may be this far from the change of speed
@@ -181,7 +182,8 @@ def _speed_and_acceleration(
     # Between two samples an acceleration may come and go; only what is large beside all others is a spike.
     short = _SHORT * float(np.quantile(np.abs(_few(rate[apart])), 0.999))
     usual = max(usual, short)
-    usual = max(usual, _while_hard(off, apart & (np.abs(rate) > short)))
+    least = _EXACT * float(np.nanmax(np.abs(v))) / float(np.median(np.diff(time)))
+    usual = max(usual, _while_hard(off, apart & (np.abs(rate) > short)), least)
     frozen = np.zeros(len(time), bool)
     for i, j in held:
         inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))

@@ -68,7 +68,9 @@ def simplest(scores: Sequence[Score]) -> Score:
     least = min(s.bic for s in scores)
     near = [s for s in scores if s.bic <= least + _TIE]
     # A constant on a vertical axis is rather a weight than a wrong sensor.
-    return min(near, key=lambda s: (len(s.amplitudes) + s.term.free, s.term.mechanism.kind == "data_fault", s.bic))
+    return min(
+        near, key=lambda s: (np.count_nonzero(s.amplitudes) + s.term.free, s.term.mechanism.kind == "data_fault", s.bic)
+    )
 
 
 def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> Score:

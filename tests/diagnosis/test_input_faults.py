@@ -64,6 +64,14 @@ def test_a_speed_that_a_filter_delays_is_no_fault_at_its_peaks():
     assert input_faults(Recording(PartInfo(part="p", machine="m"), columns)) == {}
 
 
+def test_the_last_digits_of_a_constant_speed_are_no_fault():
+    t = np.arange(0.0, 40.0, 0.004)
+    v = np.full(len(t), 55440.0)
+    v[12:16] += 1e-8
+    columns = {"time": t, "v_sp": v, "a_sp": np.where((t > 0.035) & (t < 0.061), 3e-6, 0.0)}
+    assert input_faults(Recording(PartInfo(part="p", machine="m"), columns)) == {}
+
+
 def put(recording: Recording, column: str, rows: slice, values) -> Recording:
     signal = recording[column].copy()
     signal[rows] = values if np.isscalar(values) else signal[rows] + values

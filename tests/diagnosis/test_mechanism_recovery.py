@@ -371,6 +371,13 @@ ROWS = [
     ("torque_ripple", "x", lambda f: 0.2 * np.sin(2 * np.pi * f.pos["x"] / (LEAD / 3) + 1), {"L": LEAD / 3}, 0.95),
     ("torque_ripple", "x", lambda f: 0.2 * np.sin(2 * np.pi * f.pos["x"] / 7.37), {"L": 7.37}, 0.97),
     ("torque_ripple", "y", lambda f: 0.2 * np.cos(2 * np.pi * f.pos["y"] / 1.83), {"L": 1.83}, 0.9),
+    (  # a cog that rises faster than it falls
+        "torque_ripple",
+        "x",
+        lambda f: 0.2 * np.sin(2 * np.pi * f.pos["x"] / 7.37) + 0.09 * np.sin(4 * np.pi * f.pos["x"] / 7.37 + 0.5),
+        {"L": 7.37},
+        0.97,
+    ),
     ("cutting_force", "y", lambda f: 0.004 * f.force["y"], {"k": 0.004}, 0.97),
     ("edge_force", "x", lambda f: 0.05 * f.a_p * (f.mrr > 0), {"K_e": 0.05}, 0.95),
     ("edge_force", "sp", lambda f: 0.3 * (f.mrr > 0), {"K_e": 0.3}, 0.95),

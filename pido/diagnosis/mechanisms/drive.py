@@ -166,19 +166,40 @@ class AxisCoupling(Mechanism):
 
 
 class TorqueRipple(Mechanism):
-    """A current periodic in the axis position: cogging, ball screw (any phase)."""
+    """A current periodic in the axis position: cogging, ball screw (any phase).
+
+    harmonics : 0 one wave, 1 with that of half its length: no cog is a sine
+    """
 
     id = "torque_ripple"
-    equation = "dI = R_s * sin(2 pi pos / L) + R_c * cos(2 pi pos / L)"
-    amplitudes = (Parameter("R_s", "A"), Parameter("R_c", "A"))
-    shape = (Parameter("L", "mm", low=_SHORTEST, high=_LONGEST, scale="log", values=_PERIODS),)
+    equation = (
+        "dI = R_s * sin(2 pi pos / L) + R_c * cos(2 pi pos / L), "
+        "or with R_s2 * sin(4 pi pos / L) + R_c2 * cos(4 pi pos / L) added"
+    )
+    amplitudes = (Parameter("R_s", "A"), Parameter("R_c", "A"), Parameter("R_s2", "A"), Parameter("R_c2", "A"))
+    shape = (
+        Parameter("L", "mm", low=_SHORTEST, high=_LONGEST, scale="log", values=_PERIODS),
+        choice("harmonics", 2),
+    )
     axes = LINEAR_AXES
     summary = "{axis} axis, repeating every {L:.4g} mm of travel"
     looked_at = 500
     follows_from = ("pos",)
 
-    def regressors(self, state, *, L):
-        return nothing(state, 2) if state.pos is None else wave(state.pos, L)
+    def regressors(self, state, *, L, harmonics=0.0):
+        if state.pos is None:
+            return nothing(state, 4)
+        half = wave(state.pos, L / 2) if round(harmonics) else np.zeros((len(state.pos), 2))
+        return np.column_stack([wave(state.pos, L), half])
+
+    def equation_in(self, axis, shape):
+        text = "dI = R_s * sin(2 pi pos / L) + R_c * cos(2 pi pos / L)"
+        if round(shape.get("harmonics", 0.0)):
+            text += " + R_s2 * sin(4 pi pos / L) + R_c2 * cos(4 pi pos / L)"
+        return text
+
+    def idle(self, shape):
+        return frozenset() if round(shape.get("harmonics", 0.0)) else frozenset({"R_s2", "R_c2"})
 
     def needs(self, states):
         if any(s.pos is None for s in states):
@@ -191,7 +212,7 @@ class TorqueRipple(Mechanism):
         own = [h * s.lead for s in states[:1] if s.lead is not None for h in _HARMONICS]
         longest = min(_LONGEST, travel(states))
         periods = {round(p, 6) for p in (*own, *_PERIODS) if _SHORTEST <= p <= longest}
-        return tuple({"L": p} for p in sorted(periods) or [_SHORTEST])
+        return tuple({"L": p, "harmonics": 0.0} for p in sorted(periods) or [_SHORTEST])
 
     def suggest(self, states, left):
         """Peaks of the periodogram over position."""
@@ -200,10 +221,13 @@ class TorqueRipple(Mechanism):
         pos = np.concatenate([s.pos for s in states if s.pos is not None])
         value, moving = np.concatenate(left), np.concatenate([s.moving for s in states])
         good = np.isfinite(value) & np.isfinite(pos) & moving
-        return tuple({"L": p} for p in periods_of(pos[good], value[good], _SHORTEST, _LONGEST, _PEAKS))
+        peaks = periods_of(pos[good], value[good], _SHORTEST, _LONGEST, _PEAKS)
+        return tuple({"L": p, "harmonics": harmonics} for harmonics in (0.0, 1.0) for p in peaks)
 
     def around(self, name, shape, states):
         """Half a wave more or less over the whole travel: beyond it begins the next period that could be told apart."""
+        if name != "L":
+            return shape[name], shape[name]
         step = 0.5 / max(travel(states), 1e-9)
         f = 1.0 / shape["L"]
         return max(_SHORTEST, 1.0 / (f + step)), min(_LONGEST, 1.0 / max(f - step, 1.0 / _LONGEST))
