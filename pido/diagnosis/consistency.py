@@ -139,7 +139,7 @@ def _position_and_speed(
                 jumps += [
                     (i + p + 1, i + q + 1, float(np.sum(gap[i + p : i + q + 1]))) for p, q in runs(way[i : j + 1])
                 ]
-        elif np.median(step) <= _COARSE_S:
+        elif np.median(step) <= _COARSE_S and _has_neighbours(i, j, bad):
             spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _calm(v, i, j + 1)) > 0.5 * usual
     jumps.sort()
     spike = np.zeros(len(time), bool)
@@ -198,6 +198,8 @@ def _speed_and_acceleration(
     calm = np.isfinite(swing) & ~_grown(bad, _REACH)
     beyond = _FAR_BEYOND * float(np.quantile(swing[calm], 0.999)) if bad.any() and calm.any() else np.inf
     for i, j in runs(_closed(bad, 2)):
+        if not _has_neighbours(i, j, bad):
+            continue
         if np.max(rough_a[i : j + 1]) >= np.max(rough_rate[i : j + 1]):
             spike_a[i : j + 1] |= np.abs(off[i : j + 1]) > 0.5 * usual
         else:
@@ -215,6 +217,11 @@ def runs(rows: Bool1D) -> list[tuple[int, int]]:
     """First and last index of each uninterrupted stretch."""
     edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
     return [(int(i), int(j) - 1) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _has_neighbours(first: int, last: int, rows: Bool1D) -> bool:
+    """Whether there are samples on both sides to judge a spike by; a record that was smoothed bends at its ends."""
+    return first >= _REACH and last < len(rows) - _REACH
 
 
 def _usual(difference: Float1D, signal: Float1D) -> float:

@@ -64,6 +64,15 @@ def test_a_speed_that_a_filter_delays_is_no_fault_at_its_peaks():
     assert input_faults(Recording(PartInfo(part="p", machine="m"), columns)) == {}
 
 
+def test_a_speed_that_was_smoothed_over_the_end_of_its_record_is_no_fault():
+    t = np.arange(0.0, 40.0, 0.002)
+    v = 5.0 + np.sin(t) - 500.0 * np.maximum(t - 39.9, 0.0)
+    smooth = v.copy()
+    smooth[-8:] += 16.0 * (np.arange(1, 9) / 8) ** 2
+    columns = {"time": t, "pos_x": np.cumsum(v) * 0.002, "v_x": smooth, "a_x": np.gradient(smooth, t)}
+    assert input_faults(Recording(PartInfo(part="p", machine="m"), columns)) == {}
+
+
 def test_the_last_digits_of_a_constant_speed_are_no_fault():
     t = np.arange(0.0, 40.0, 0.004)
     v = np.full(len(t), 55440.0)
