@@ -56,6 +56,7 @@ def p_value(model: Whitened, which: int, block: Int1D, pooled: bool = False, lea
     own = model.spans[which]
     others = np.delete(model.X, np.r_[own], axis=0)
     X = model.X[own]
+    X = X[np.any(X, axis=1)]  # a form does without some amplitudes: no question is asked of them
     if len(others):
         weights = [solve(others, x)[0] for x in X]
         X = X - np.asarray(weights) @ others

@@ -244,13 +244,7 @@ def _harmless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[
 
 def numbers(terms: Sequence[Term]) -> int:
     """Amplitudes and shapes."""
-    return sum(len(t.mechanism.amplitudes) - _idle(t) + t.free for t in terms)
-
-
-def _idle(term: Term) -> int:
-    """Amplitudes that its form does without."""
-    idle = term.mechanism.idle(dict(term.shape))
-    return sum(a.name in idle for a in term.mechanism.amplitudes)
+    return sum(len(t.mechanism.amplitudes) - t.idle + t.free for t in terms)
 
 
 def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score | None:

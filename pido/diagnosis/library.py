@@ -213,7 +213,7 @@ def basis(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
     y = noise.whiten(m.target[None])[0]
     Q = orthonormal(X)
     residual = y - (Q @ y) @ Q
-    free = len(m.base) + sum(len(c) + t.free for t, c in zip(terms, columns, strict=True))
+    free = len(m.base) + sum(len(c) - t.idle + t.free for t, c in zip(terms, columns, strict=True))
     searched = sum(library.charge(t) for t in terms)
     return Basis(Q, residual, float(residual @ residual), int(noise.valid.sum()), free, float(searched))
 

@@ -59,6 +59,12 @@ class Term:
         """Numbers that were chosen besides the amplitudes."""
         return self.mechanism.free(dict(self.shape)) + len(self.gates)
 
+    @property
+    def idle(self) -> int:
+        """Amplitudes that its form does without: their columns are zero."""
+        idle = self.mechanism.idle(dict(self.shape))
+        return sum(a.name in idle for a in self.mechanism.amplitudes)
+
     def columns(self, states: Sequence[AxisState]) -> Float2D:
         """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""
         parts = [self.of_part(s) for s in states]
@@ -131,7 +137,7 @@ def fit(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], columns: Sequen
     rss = float(whitened @ whitened)
     sizes = np.cumsum([b, *[len(c) for c in columns]])
     amplitudes = tuple(beta[i:j] for i, j in itertools.pairwise(sizes))
-    free = b + sum(len(c) + t.free for t, c in zip(terms, columns, strict=True))
+    free = b + sum(len(c) - t.idle + t.free for t, c in zip(terms, columns, strict=True))
     return Fit(
         terms=tuple(terms),
         amplitudes=amplitudes,

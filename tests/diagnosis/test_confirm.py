@@ -76,6 +76,14 @@ def test_a_term_of_few_blocks_has_an_honest_p_value_which_is_as_sure_as_all_bloc
     assert p_value(Whitened(X[None], y, (slice(0, 1),)), 0, mismatch.block, pooled=True) < 1e-8
 
 
+def test_an_amplitude_that_a_form_does_without_asks_no_question():
+    rng = np.random.default_rng(0)
+    X, y, block = rng.normal(size=(2, 400)), rng.normal(size=400), np.arange(400) // 10
+    y += 0.15 * X[0]
+    plain = p_value(Whitened(X, y, (slice(0, 2),)), 0, block)
+    assert p_value(Whitened(np.vstack([X, np.zeros((2, 400))]), y, (slice(0, 4),)), 0, block) == pytest.approx(plain)
+
+
 def test_the_false_discovery_rate_counts_questions_that_were_not_kept():
     p = np.array([0.001, 0.004, 0.03])
     padded = stats.false_discovery_control(np.r_[p, np.ones(17)])

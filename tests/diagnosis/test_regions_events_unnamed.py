@@ -19,7 +19,7 @@ from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import MOST_TERMS, grid_terms
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
 from pido.diagnosis.whiten import Noise, estimate_noise
@@ -59,6 +59,17 @@ def library_of(mismatch, noise, *terms):
 
 def nothing(state):
     return np.zeros(len(state.time))
+
+
+@pytest.mark.parametrize(("harmonics", "amplitudes"), [(0.0, 2), (1.0, 4)])
+def test_a_form_is_charged_for_its_own_amplitudes_wherever_it_is_counted(harmonics, amplitudes):
+    mismatch, noise = laid_out(lambda s: 0.05 * np.sin(s.pos) + 0.03 * np.sin(2 * s.pos))
+    ripple = Term(next(m for m in CATALOGUE if m.id == "torque_ripple"), (("L", 2 * np.pi), ("harmonics", harmonics)))
+    library = library_of(mismatch, noise, ripple)
+    chosen = basis(library, noise, [ripple])
+    assert chosen.free == amplitudes + 1
+    assert chosen.bic == pytest.approx(fit(mismatch, noise, [ripple]).bic + library.charge(ripple))
+    assert chosen.bic == pytest.approx(library.score(ripple, basis(library, noise, [])).bic, abs=0.01)
 
 
 def test_an_effect_that_acts_on_one_side_of_a_speed_is_confined_there():

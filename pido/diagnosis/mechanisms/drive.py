@@ -11,7 +11,7 @@ import numpy as np
 
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
-from pido.diagnosis.mechanisms.friction import turns
+from pido.diagnosis.mechanisms.friction import PEAKS, turns
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import lost_motion, periods_of, wave
 
@@ -41,7 +41,6 @@ _PERIODS = (
 )
 _HARMONICS = (2.0, 1.0, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6, 1 / 8, 1 / 12)  # of a lead, as periods
 _SHORTEST, _LONGEST = 0.4, 60.0  # mm, periods of a ripple
-_PEAKS = 3  # of the periodogram that are handed on
 
 
 class Inertia(Mechanism):
@@ -221,7 +220,7 @@ class TorqueRipple(Mechanism):
         pos = np.concatenate([s.pos for s in states if s.pos is not None])
         value, moving = np.concatenate(left), np.concatenate([s.moving for s in states])
         good = np.isfinite(value) & np.isfinite(pos) & moving
-        peaks = periods_of(pos[good], value[good], _SHORTEST, _LONGEST, _PEAKS)
+        peaks = periods_of(pos[good], value[good], _SHORTEST, _LONGEST, PEAKS)
         return tuple({"L": p, "harmonics": harmonics} for harmonics in (0.0, 1.0) for p in peaks)
 
     def around(self, name, shape, states):

@@ -22,7 +22,7 @@ _TURNS_MM = (0.003, 0.03, 0.3)  # ways over which friction turns, as far as a la
 # What turns over the longest of them, in motion, is presliding by its own name.
 _REST = choice("rest", len(_TURNS_MM))
 _SHORTEST = 2.0  # mm, of a wave of friction along the travel: half the lead of a fine screw
-_PEAKS = 3  # of the periodogram that are handed on
+PEAKS = 3  # of a periodogram that are handed on
 
 
 def direction(state: AxisState, rest: float = 0.0) -> Float1D:
@@ -296,7 +296,7 @@ class PositionDependentFriction(Mechanism):
         if good.sum() < 50 or high - low < 1e-3:
             return ()
         pos, level = pos[good], (value * h)[good]
-        shapes = [(0.0, L, 0.0) for L in periods_of(pos, level, _SHORTEST, high - low, _PEAKS)]
+        shapes = [(0.0, L, 0.0) for L in periods_of(pos, level, _SHORTEST, high - low, PEAKS)]
         stretch = best_stretch(pos, level, low, high)
         if stretch is not None:
             shapes.append((2.0, (stretch[1] - stretch[0]) / 3, sum(stretch) / 2))
