@@ -41,8 +41,11 @@ def summary(found: Diagnosis) -> list[str]:
 
 
 def _what(finding: Finding) -> str:
-    """Where it acts; of a finding without a name the formula, too, which is all that it says."""
+    """Where it acts; of a finding without a name the formula, too, which is all that it says; of a wrong coefficient
+    what it has to be multiplied by."""
     where = finding.where.summary
+    if finding.factor is not None:
+        return f"{where}: multiply the simulation's coefficient by {finding.factor.value:.3g}"
     return f"{where}: {finding.equation}" if finding.kind == "unexplained" else where
 
 

@@ -24,6 +24,7 @@ from pido.diagnosis.units import units
 
 _NEAR = 20.0  # BIC: rivals this close are not told apart on these data
 _MOST_ALTERNATIVES = 4
+_ALIKE = 0.9  # of the power of what is missing of a law, that the simulation's own form of it has
 
 
 def kind_of(term: Term) -> Kind:
@@ -58,7 +59,33 @@ def finding_of(
         fit=held_out,
         replaces=replaces,
         alternatives=alternatives_of(term, answer.rivals[which]),
+        factor=factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters),
     )
+
+
+def factor_of(
+    mismatch: Mismatch,
+    term: Term,
+    simulated: tuple[Term, Float1D] | None,
+    effect: Float1D,
+    parameters: dict[str, Estimate],
+) -> Estimate | None:
+    """What the simulation's own coefficient of a term has to be multiplied by, with its 95 % interval.
+
+    simulated : the term and its amplitudes in the simulated current. effect : (n,), A – what is missing of it. None
+    where it has several coefficients, acts in a box, or what is missing has not the form of what is there.
+    """
+    if simulated is None or term.gates or len(term.mechanism.amplitudes) != 1:
+        return None
+    own, amplitudes = simulated
+    there, missing = ((amplitudes @ own.columns(mismatch.states))[mismatch.usable], effect[mismatch.usable])
+    power = float(there @ there)
+    share = float(missing @ there) / power if power > 0 else 0.0
+    if share**2 * power < _ALIKE * float(missing @ missing):
+        return None
+    size = parameters[term.mechanism.amplitudes[0].name]
+    low, high = sorted(1 + share * end / size.value for end in size.ci95)
+    return Estimate(1 + share, "–", (low, high))
 
 
 def equation_text(term: Term, axis: str) -> str:

@@ -182,7 +182,7 @@ def _little_motion(parts: Sequence[Recording], axis: str, machine: Machine | Non
         return [f"axis {axis}: it never moves; what depends on its own motion (friction, inertia) cannot be judged."]
     if seconds < _SHORT_S:
         return [
-            f"axis {axis}: it moves for {seconds:.0f} s in all parts together; less than a minute shows only strong "
+            f"axis {axis}: it moves for {seconds:.3g} s in all parts together; less than a minute shows only strong "
             "effects."
         ]
     return []

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from pido.core.arrays import Float1D
 from pido.diagnosis.identify import coarse_columns, left_over
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -65,9 +66,10 @@ NOT_A_COMPONENT = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """A mechanism that a simulation contains, with its shape there, and its rms in the simulated current, A."""
+    """A mechanism that a simulation contains, with its shape and its amplitudes there; size : its rms there, A."""
 
     term: Term
+    amplitudes: Float1D
     size: float
 
 
@@ -103,29 +105,30 @@ def contained(
     every = _greedy(library, faint, usual)
     out = {}
     for term in every:
-        size = _size(library, faint, usual if term in usual else every, term)
-        if size > least and lasting(mismatch, term) > _LASTING:
-            out[term.mechanism.id] = Component(term, size)
-    level_of_all = abs(float(fit(problem, faint, every).base[0]))
+        part = _component(library, faint, usual if term in usual else every, term)
+        if part.size > least and lasting(mismatch, term) > _LASTING:
+            out[term.mechanism.id] = part
+    level_of_all = float(fit(problem, faint, every).base[0])
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.
     own = out.get("gravity_load")
     # Beside a far larger constant, what is in proportion to a tool's mass is an accident of which tool cuts what.
-    if weight is not None and level_of_all > max(
+    if weight is not None and abs(level_of_all) > max(
         _LEAST_WEIGHT * float(np.median(noise.level)), 0.0 if own is None else own.size
     ):
-        out[weight.mechanism.id] = Component(weight, level_of_all)
+        out[weight.mechanism.id] = Component(weight, np.array([level_of_all]), abs(level_of_all))
     return out
 
 
-def _size(library: Library, noise: Noise, terms: Sequence[Term], term: Term) -> float:
-    """A, rms of a term beside the others; 0 where it explains hardly anything that they do not."""
+def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term) -> Component:
+    """A term beside the others; of no size where it explains hardly anything that they do not."""
     joint = fit(library.mismatch, noise, terms)
     without = basis(library, noise, [t for t in terms if t is not term]).rss
+    amplitudes = joint.amplitudes[list(terms).index(term)]
     if without <= (1 + _LEAST_OWN) * joint.rss:
-        return 0.0
-    effect = joint.amplitudes[list(terms).index(term)] @ library.columns(term)
-    return float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2)))
+        return Component(term, amplitudes, 0.0)
+    effect = amplitudes @ library.columns(term)
+    return Component(term, amplitudes, float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2))))
 
 
 def _greedy(library: Library, noise: Noise, terms: list[Term], without: frozenset[str] = frozenset()) -> list[Term]:

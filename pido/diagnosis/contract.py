@@ -47,6 +47,7 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
                 "voxels": [list(v) for v in f.where.voxels],
                 "nc_lines": list(f.where.nc_lines),
                 "workpiece": f.where.workpiece,
+                "factor": None if f.factor is None else {"value": f.factor.value, "ci95": list(f.factor.ci95)},
                 "to_tell_apart": {a.mechanism: a.to_tell_apart for a in f.alternatives if a.to_tell_apart},
             }
             for f in diagnosis.findings

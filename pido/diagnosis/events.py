@@ -41,6 +41,7 @@ class ExternalForce(Mechanism):
     kind: ClassVar[Any] = "missing_physics"
     summary: ClassVar[str] = "{axis} axis, over single intervals of time, whatever the machine does then"
     shape: ClassVar[tuple[Parameter, ...]] = ()
+    looked_at: ClassVar[int] = 3_000  # intervals that do not overlap much: ten lengths of each bin
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]

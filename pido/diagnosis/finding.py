@@ -86,6 +86,7 @@ class Finding:
     fit: HeldOut
     replaces: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    factor: Estimate | None = None  # that a miscalibrated coefficient of the simulation has to be multiplied by
 
 
 @dataclass(frozen=True, slots=True)

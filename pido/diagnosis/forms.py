@@ -18,6 +18,7 @@ from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.regions import within_same_limits
 from pido.diagnosis.select import drop_useless, refine, shortlist_of
 from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
@@ -246,7 +247,9 @@ def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int)
     whole = basis(library, noise, terms)
     without = basis(library, noise, rest)
     gain = max(without.rss - whole.rss, 1e-9)
-    others = shortlist_of(library.screen(without), {t.name for t in rest} | {terms[which].name})
+    taken = {t.name for t in rest} | {terms[which].name}
+    boxed = within_same_limits(library, without, terms[which], taken) if terms[which].gates else []
+    others = shortlist_of([*library.screen(without), *boxed], taken)
     out = []
     for k, score in enumerate(others[:8]):
         found = refine(library, without, score) if k < 4 else score
@@ -265,7 +268,7 @@ def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
         own = library.score(term, rest)
         own = None if own is None else refine(library, rest, own)
         gain = 0.0 if own is None else max(0.0, basis(library, noise, out).bic - own.bic)
-        rivals = [r for r in rivals_of(library, noise, out, i) if not _holds(r.term, term)]
+        rivals = [r for r in rivals_of(library, noise, out, i) if r.name != "unknown" and not _holds(r.term, term)]
         if rivals and rivals[0].delta_bic < -_LIKELIER - gain and not _says_more(library, out, i, rivals[0].term):
             out[i] = rivals[0].term
         elif own is not None and gain > 0:

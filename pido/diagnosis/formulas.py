@@ -145,8 +145,11 @@ class Surface(Unnamed):
         return f"depending on {' and '.join(ranges)}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        known = signals(state, self.variables)
-        out = np.ones((len(state.time), 1))
+        return self.over(signals(state, self.variables))
+
+    def over(self, known: Mapping[str, tuple[Float1D, str]]) -> Float2D:
+        """(n, knots) – what each knot's height counts for, at values of the quantities."""
+        out = np.ones((len(known[self.variables[0]][0]), 1))
         for name, knots, split in zip(self.variables, self.knots, self.split, strict=True):
             hats = _hats(known[name][0], np.asarray(knots), split)
             out = (out[:, :, None] * hats[:, None, :]).reshape(len(out), -1)

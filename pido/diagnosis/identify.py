@@ -61,7 +61,10 @@ class Rival:
 
 @dataclass
 class Answer:
-    """What was decided about one axis; the lists run parallel to `terms`."""
+    """What was decided about one axis; the lists run parallel to `terms`.
+
+    simulated : by the name of a term that the simulation contains, that term as it is there, and its amplitudes
+    """
 
     axis: str
     terms: list[Term] = field(default_factory=list)
@@ -69,6 +72,7 @@ class Answer:
     q_values: list[float] = field(default_factory=list)
     delta_bic: list[float] = field(default_factory=list)
     rivals: list[list[Rival]] = field(default_factory=list)
+    simulated: dict[str, tuple[Term, Float1D]] = field(default_factory=dict)
     rejected: list[Rejected] = field(default_factory=list)
     noise: Noise | None = None
     notes: list[str] = field(default_factory=list)
@@ -336,9 +340,10 @@ def confirm(
 
 
 def _claims(library: Library, term: Term) -> float:
-    """How many shapes, limits of a region and, without a name, formulas were looked at before this term was chosen."""
-    unnamed = term.mechanism.looked_at if term.name == "unknown" else 1
-    return float(np.exp(0.5 * library.charge(term))) * unnamed
+    """How many shapes, limits of a region and, where data alone decide the form, formulas or intervals were looked at
+    before this term was chosen."""
+    free = term.mechanism.looked_at if term.name in ("unknown", "external_force") else 1
+    return float(np.exp(0.5 * library.charge(term))) * free
 
 
 def coarse_columns(mismatch: Mismatch, terms: Sequence[Term]) -> Float2D:

@@ -45,9 +45,28 @@ def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -
     if best is None:
         return None
     # Once its limits are known, other laws can be asked within the same.
-    limits = {v: np.unique([_limit(g) for g in best.term.gates if g.variable == v]) for v in space.variables}
-    again = _best_on(space, grid_at(space.variables, limits), library, current, taken)
+    again = _best_on(space, _grid_of(space, best.term), library, current, taken)
     return min((s for s in (best, again) if s is not None), key=_price)
+
+
+def within_same_limits(library: Library, current: Basis, term: Term, taken: Collection[str]) -> list[Score]:
+    """The likeliest mechanisms that are not `taken`, and a level, in the box of `term`: in a small box, many laws are
+    alike."""
+    assert library.space is not None
+    grid = _grid_of(library.space, term)
+    box = next(k for k in range(len(grid.limits)) if set(grid.gates(k)) == set(term.gates))
+    best: dict[str, tuple[float, Term]] = {}
+    for other, gain in _scan(library, current, taken, grid):
+        found = (float(gain[box]), replace(other, gates=term.gates))
+        best[other.name] = max(best.get(other.name, found), found, key=lambda f: f[0])
+    likeliest = heapq.nlargest(_NAMES, best.values(), key=lambda f: f[0])
+    return [s for _, other in likeliest if (s := library.score(other, current)) is not None]
+
+
+def _grid_of(space: Space, term: Term) -> Grid:
+    """The boxes between the limits of a term."""
+    limits = {v: np.unique([_limit(g) for g in term.gates if g.variable == v]) for v in space.variables}
+    return grid_at(space.variables, limits)
 
 
 def _best_on(space: Space, grid: Grid, library: Library, current: Basis, taken: Collection[str]) -> Score | None:

@@ -124,6 +124,7 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     library.whiten(noise)
     answer.terms = terms
     answer.noise = noise
+    answer.simulated = {f"miscalibrated:{i}": (c.term, c.amplitudes) for i, c in look.inside.items()}
     whole = basis(library, noise, terms).bic
     answer.delta_bic = [basis(library, noise, without(terms, i)).bic - whole for i in range(len(terms))]
     answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]

@@ -37,7 +37,7 @@ from pido.diagnosis.identify import numbers
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import common_signals
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.waves import Wave, waves
 from pido.diagnosis.whiten import Noise
 
@@ -52,6 +52,9 @@ _LESS_ERROR = 0.01  # of the error with names, in A on unseen folds, that a mode
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
 _PAIRS = 10
+_SURFACES = 4  # that are asked for what they take away themselves
+_ROWS = 3_000  # of the coarse residual, on which these are compared
+_RIDGE = 1e-3  # of a knot's own power
 _MANY = 3  # laws on one axis: so many at once are less likely than one that nobody has named
 _FINALISTS = 12
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
@@ -157,12 +160,29 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
         for each in (names, *(frozenset({n}) for n in names)):
             if each not in wanted:
                 wanted.append(each)
-    for surface in surfaces(mismatch):
-        if frozenset(surface.variables) in wanted[:_PAIRS]:
-            found = library.score(Term(surface), current)
-            if found is not None and found.bic < curve.bic - _CLEARLY:
-                curve = found
+    every = surfaces(mismatch)
+    asked = [s for s in every if frozenset(s.variables) in wanted[:_PAIRS]]
+    for surface in dict.fromkeys([*asked, *_ranked_surfaces(every, known, few)[:_SURFACES]]):
+        found = library.score(Term(surface), current)
+        if found is not None and found.bic < curve.bic - _CLEARLY:
+            curve = found
     return [best] if curve is best else [best, curve]
+
+
+def _ranked_surfaces(every: Sequence[Surface], known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Surface]:
+    """By the BIC of the coarse residual, least first: what two quantities do together may show in neither of them."""
+    step = max(1, len(few.rows) // _ROWS)
+    root = np.sqrt(few.weights[::step])
+    values, thin = few.values[::step] * root, {n: (v[::step], unit) for n, (v, unit) in known.items()}
+
+    def bic_of(surface: Surface) -> float:
+        rows = surface.over(thin) * root[:, None]
+        gram, inner = rows.T @ rows, rows.T @ values
+        met = np.diag(gram) > 0
+        beta = np.linalg.solve(gram[np.ix_(met, met)] + _RIDGE * np.diag(np.diag(gram)[met]), inner[met])
+        return bic(float(values @ values - beta @ inner[met]), len(values), int(met.sum()))
+
+    return sorted(every, key=bic_of)
 
 
 def _ranked(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:

@@ -92,9 +92,14 @@ class AxisEquations:
     near, beyond : ((axes, equations), ...); occupied : bins of `coverage` that hold samples
     support : the global equation in plain inputs and held directions, whatever was chosen. An equation with few terms
         has little leverage anywhere; what the samples never did is still beyond them, so its leverage is added
-    mean, limit : (4,) – mean current of the samples in A, and the leverage in `support` that nearly all of them keep.
-        A row beyond the limit is drawn to the mean by limit over leverage: a spindle that runs up, fitted on parts in
-        which it never did, was off by 90 A where a constant is off by 20. Infinite: no such rule, as in the paper
+    mean : (4,), A – of the samples' currents. A row whose leverage is beyond a bound is drawn to it by bound over
+        leverage: a spindle that runs up, fitted on parts in which it never did, was off by 90 A where the mean is off
+        by 20
+    steady : (4,) – bound on the leverage of a row as if no axis accelerated in it: what nearly all samples keep as they
+        are. A line through a small range of speeds or loads says nothing far beyond it
+    spread : (4,) – bound on the whole leverage, at which the standard error of a prediction is the spread of the
+        currents. In acceleration a line goes on by Newton's law, as far as its slope is known
+        Infinite: no such rule, as in the paper
     """
 
     near: tuple[tuple[tuple[int, ...], LocalEquations], ...]
@@ -103,7 +108,8 @@ class AxisEquations:
     coverage: Grid
     support: GlobalEquation
     mean: Float1D = field(default_factory=lambda: np.zeros(4))
-    limit: Float1D = field(default_factory=lambda: np.full(4, np.inf))
+    steady: Float1D = field(default_factory=lambda: np.full(4, np.inf))
+    spread: Float1D = field(default_factory=lambda: np.full(4, np.inf))
 
     @property
     def machine(self) -> Machine:
@@ -112,17 +118,18 @@ class AxisEquations:
     def predict(self, samples: Samples) -> Float2D:
         """(n, 4), A: currents; NaN on an axis that was not recorded."""
         current = self._apply(samples, lambda equations, rows: (equations.predict(rows),))[0]
-        return self._contained(current, self.support.leverage(samples)) if np.isfinite(self.limit).any() else current
+        contained = np.isfinite(self.steady).any()
+        return self._contained(current, *_leverages(self.support, samples)) if contained else current
 
     def predict_with_support(self, samples: Samples) -> tuple[Float2D, Float2D, Float2D]:
         """Currents, standard errors (n, 4) in A, leverages (n, 4); see `LocalEquations.predict_with_support`."""
         current, error, leverage = self._apply(samples, lambda equations, rows: equations.predict_with_support(rows))
-        beyond = self.support.leverage(samples)
-        return self._contained(current, beyond), error, leverage + beyond
+        whole, steady = _leverages(self.support, samples)
+        return self._contained(current, whole, steady), error, leverage + whole
 
-    def _contained(self, current: Float2D, leverage: Float2D) -> Float2D:
-        """Currents (n, 4), drawn to the mean where the leverage (n, 4) is beyond the limit."""
-        trust = np.minimum(1.0, self.limit / np.maximum(leverage, 1e-300))
+    def _contained(self, current: Float2D, whole: Float2D, steady: Float2D) -> Float2D:
+        """Currents (n, 4), drawn to the mean where a leverage (n, 4) is beyond its bound."""
+        trust = np.minimum(self.spread / np.maximum(whole, 1e-300), self.steady / np.maximum(steady, 1e-300))
         return np.where(trust < 1.0, self.mean + trust * (current - self.mean), current)
 
     def _apply(
@@ -177,10 +184,21 @@ def fit_chosen(
     near = members(choice.near)
     beyond = near if choice.beyond == choice.near else members(choice.beyond)
     support = fit_global(samples, machine, HELD)
-    mean, limit = np.zeros(4), np.full(4, np.inf)
-    if blend:
-        mean, limit = _mean(samples.currents, 0), np.quantile(support.leverage(samples), _KEPT, axis=0)
-    return AxisEquations(near, beyond, np.unique(coverage.ids(samples.reduced)), coverage, support, mean, limit)
+    equations = AxisEquations(near, beyond, np.unique(coverage.ids(samples.reduced)), coverage, support)
+    if not blend:
+        return equations
+    mean = _mean(samples.currents, 0)
+    variance = _mean((samples.currents - mean) ** 2, 0)
+    steady = np.quantile(support.leverage(samples), _KEPT, axis=0)
+    return replace(equations, mean=mean, steady=steady, spread=variance / np.maximum(support.noise, 1e-300) ** 2)
+
+
+def _leverages(support: GlobalEquation, samples: Samples) -> tuple[Float2D, Float2D]:
+    """(n, 4) twice: leverages of the samples, and of the same as if no axis accelerated."""
+    design = support.terms.design(samples, support.machine)
+    whole = support.leverage_of(design)
+    design[:, [name.startswith("a_") for name in support.terms.names]] = 0.0
+    return whole, support.leverage_of(design)
 
 
 def choose(

@@ -94,6 +94,12 @@ def _overview(diagnosis: Diagnosis) -> Section:
 
 def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     lines = [f"{in_words(f.mechanism)}: {f.equation}", f"Where: {f.where.summary}"]
+    if f.factor is not None:
+        low, high = (number(end, 3) for end in f.factor.ci95)
+        lines.append(
+            f"The simulation has it with a wrong coefficient: multiply that by {number(f.factor.value, 3)} (95 % "
+            f"interval {low} … {high}). The parameter below is what has to be added."
+        )
     if f.where.workpiece:
         lines.append(f"On the workpiece: {f.where.workpiece}")
     if f.where.nc_lines:

@@ -1,6 +1,7 @@
 """Boxes of the reduced space, forces over intervals, waves in time, effects without a name: each planted and found."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
+from pido.diagnosis.forms import rivals_of
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -93,6 +95,20 @@ def test_an_effect_that_acts_everywhere_is_not_confined():
     assert found is None or found.bic > min(s.bic for s in library.screen(current)) - CLEARLY
 
 
+def test_laws_that_are_alike_in_a_box_are_each_others_rivals():
+    """Where x and y both go forward, friction of x and a pull of y's direction are one constant."""
+    box = (Gate("v_x", low=1.0), Gate("v_y", low=4.0))
+    friction, pull = (next(m for m in CATALOGUE if m.id == i) for i in ("coulomb_friction", "axis_coupling"))
+    terms = [t for m in (friction, pull, VISCOUS) for t in grid_terms(m, laid_out(nothing)[0].states)]
+    one = replace(next(t for t in terms if t.name == "coulomb_friction"), gates=box)
+    mismatch, noise = laid_out(lambda s: 0.1 * (s.v > 1.0) * (s.others["y"].v > 4.0))
+    library = library_of(mismatch, noise, *terms)
+    *near, last = rivals_of(library, noise, [one], 0)
+    assert {(r.name, r.term.gates) for r in near} == {("axis_coupling", box), ("unknown", box)}
+    assert all(abs(r.delta_bic) < 10.0 for r in near)
+    assert last.delta_bic > 20.0
+
+
 def test_a_place_is_a_region_by_itself_and_is_not_confined_again():
     class Zone(type(VISCOUS)):
         id = "material_hard_zone"
@@ -166,6 +182,14 @@ def test_short_forces_whose_ends_are_a_few_rows_beside_the_true_ones_are_proved(
     )
     late = Term(ExternalForce(tuple((part, b + 0.2, b + 2.2) for part, of in begins.items() for b in of)))
     assert confirm(library_of(mismatch, noise), noise, [late], Answer("x"), 20) == [late]
+
+
+@pytest.mark.parametrize(("level", "stands"), [(0.35, False), (0.7, True)])
+def test_an_interval_is_judged_as_the_clearest_of_all_that_were_looked_at(level, stands):
+    """The first is five standard errors high: noise alone has such an interval in one recording of some."""
+    mismatch, noise = laid_out(lambda s: level * NOISE * ((s.part == "p1") & (s.time >= 10.0) & (s.time < 14.0)))
+    force = Term(ExternalForce((("p1", 10.0, 14.0),)))
+    assert bool(confirm(library_of(mismatch, noise), noise, [force], Answer("x"), 1)) == stands
 
 
 def test_a_force_is_compared_with_a_law_on_other_seconds_of_its_own_part(monkeypatch):
@@ -301,6 +325,17 @@ def test_a_load_that_is_periodic_along_an_axis_is_a_wave_of_the_right_length(pla
     assert dict(term.shape)["L"] == pytest.approx(2 * np.pi * 1.3, rel=0.01)
     model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2]),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
+def test_what_two_places_do_together_is_one_surface_over_both():
+    """It averages out over either of them: a cable chain that is stiff in two corners."""
+    y = {r.part.part: r["pos_y"] for r in recordings()}
+    mismatch, noise = laid_out(lambda s: 0.001 * (s.pos - 20.0) * y[s.part])
+    laws = [t for m in CATALOGUE if m.id in ("position_dependent_friction", "axis_coupling", "thermal_drift")
+            for t in grid_terms(m, mismatch.states)]  # fmt: skip
+    (term,), _ = with_unknown(library_of(mismatch, noise, *laws), noise, [], 0)
+    assert set(term.mechanism.variables) == {"pos_x", "pos_y"}
+    assert np.std(fit(mismatch, noise, [term]).residual) < 1.2 * NOISE
 
 
 def test_a_faint_law_without_a_name_counts_by_its_own_size_and_not_by_the_noise():

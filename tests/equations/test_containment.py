@@ -20,7 +20,8 @@ def milled(n: int, seed: int) -> Samples:
     inputs[:, 0] = rng.uniform(-8, 8, n)
     inputs[:, 6], inputs[:, 11] = 19_200 + rng.normal(0, 60, n), rng.uniform(0, 5, n)
     currents = rng.normal(0, 0.05, (n, 4))
-    currents[:, 3] += 20 + 0.4 * inputs[:, 11] - 0.004 * (inputs[:, 6] - 19_200)
+    inputs[:, 7] = rng.normal(0, 30, n)
+    currents[:, 3] += 20 + 0.002 * inputs[:, 7] + 0.4 * inputs[:, 11] - 0.004 * (inputs[:, 6] - 19_200)
     direction = np.column_stack([np.sign(inputs[:, 0]), np.zeros(n), np.zeros(n), np.ones(n)])
     return Samples.real(inputs, np.zeros(n), currents, direction, "p", np.arange(n))
 
@@ -40,6 +41,24 @@ def test_a_state_that_no_sample_is_like_gets_a_current_near_the_mean(fitted):
     mean = real.currents[:, 3].mean()
     assert np.abs(contained.predict(stopped)[:, 3] - mean).max() < 5.0
     assert np.abs(open_.predict(stopped)[:, 3] - mean).max() > 20.0
+
+
+def test_an_acceleration_that_no_sample_had_follows_newtons_law(fitted):
+    _, (contained, open_) = fitted
+    runs_up = milled(50, 4)
+    runs_up.inputs[:, 7] = 9_000.0  # 300 times what the samples had, with a slope that is known to 2 %
+    np.testing.assert_allclose(contained.predict(runs_up), open_.predict(runs_up), atol=0.02)
+    assert np.abs(contained.predict(runs_up)[:, 3] - runs_up.currents[:, 3] - 0.002 * 9_000.0).max() < 2.0
+
+
+def test_an_acceleration_whose_slope_nobody_knows_gets_a_current_near_the_mean(fitted):
+    real, (contained, open_) = fitted
+    runs_up = milled(50, 4)
+    runs_up.inputs[:, 7] = 9e6
+    mean = real.currents[:, 3].mean()
+    assert (
+        np.abs(contained.predict(runs_up)[:, 3] - mean).max() < 0.1 * np.abs(open_.predict(runs_up)[:, 3] - mean).min()
+    )
 
 
 def test_states_like_those_of_the_samples_keep_their_current(fitted):

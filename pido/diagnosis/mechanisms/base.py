@@ -62,6 +62,11 @@ def choice(name: str, count: int) -> Parameter:
     return Parameter(name, "–", low=0.0, high=count - 1.0, values=tuple(map(float, range(count))))
 
 
+def which(value: float, count: int) -> int:
+    """The number of the form, of `count`, that a `choice` stands for; a search may overstep its ends."""
+    return int(np.clip(round(value), 0, count - 1))
+
+
 class Mechanism(ABC):
     """Something that a simulation may have left out of one axis' current."""
 

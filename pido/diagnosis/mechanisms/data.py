@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
 
@@ -90,7 +90,7 @@ class SensorClipping(_OfSimulation):
         if state.sim is None:
             return nothing(state)
         over = -beyond(state.sim, I_max)
-        sign = (0.0, 1.0, -1.0)[int(np.clip(round(side), 0, 2))]
+        sign = (0.0, 1.0, -1.0)[which(side, 3)]
         return column(over if sign == 0 else over * (sign * state.sim > 0))
 
     def equation_in(self, axis, shape):
@@ -98,7 +98,7 @@ class SensorClipping(_OfSimulation):
             "(|I_sim| - I_max) * sgn(I_sim) beyond |I_sim| = I_max",
             "(I_sim - I_max) above I_sim = I_max",
             "(I_sim + I_max) below I_sim = -I_max",
-        )[int(np.clip(round(shape["side"]), 0, 2))]
+        )[which(shape["side"], 3)]
         return f"dI = -c * {form}, else 0; c near 1"
 
     def starts(self, states):

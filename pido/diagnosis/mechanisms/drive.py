@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.core.axes import LINEAR_AXES
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
 from pido.diagnosis.mechanisms.friction import PEAKS, turns
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import lost_motion, periods_of, wave
@@ -137,7 +137,7 @@ class AxisCoupling(Mechanism):
     quantity = "source"
 
     def regressors(self, state, *, source):
-        j, kind = divmod(int(np.clip(round(source), 0, 8)), 3)
+        j, kind = divmod(which(source, 9), 3)
         other = state.others.get(LINEAR_AXES[j])
         if other is None or LINEAR_AXES[j] == state.axis:
             return nothing(state)
@@ -145,7 +145,7 @@ class AxisCoupling(Mechanism):
         return column((other.a, other.v * other.moving, other.held * other.moving)[kind] * right)
 
     def equation_in(self, axis, shape):
-        j, kind = divmod(int(np.clip(round(shape["source"]), 0, 8)), 3)
+        j, kind = divmod(which(shape["source"], 9), 3)
         name = LINEAR_AXES[j]
         return f"dI = k * {(f'a_{name}', f'v_{name}', f'sgn(v_{name}), 0 while {name} rests')[kind]}"
 
@@ -159,7 +159,7 @@ class AxisCoupling(Mechanism):
         return tuple(x for x in super().starts(states) if LINEAR_AXES[int(x["source"]) // 3] in there)
 
     def conditions(self, axis, shape):
-        j, kind = divmod(int(np.clip(round(shape["source"]), 0, 8)), 3)
+        j, kind = divmod(which(shape["source"], 9), 3)
         name = LINEAR_AXES[j]
         return f"{axis} axis, while the {name} axis moves ({_KINDS[kind]} of {name})", (f"v_{name} != 0",)
 

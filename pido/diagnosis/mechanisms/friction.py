@@ -13,7 +13,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import best_stretch, periods_of, wave
 from pido.physics.friction import dahl_state, stribeck_curve
@@ -165,7 +165,7 @@ class FrictionAsymmetry(Mechanism):
 
     def regressors(self, state, *, side, rest=0.0):
         h = direction(state, rest)
-        weight = (np.abs(h) / 2, np.maximum(h, 0.0), np.minimum(h, 0.0))[int(np.clip(round(side), 0, 2))]
+        weight = (np.abs(h) / 2, np.maximum(h, 0.0), np.minimum(h, 0.0))[which(side, 3)]
         return np.column_stack([weight, weight * np.abs(state.v)])
 
     def equation_in(self, axis, shape):
@@ -173,7 +173,7 @@ class FrictionAsymmetry(Mechanism):
             "(dF_c + dF_v * |v|) / 2 in both directions",
             "dF_c + dF_v * |v| in + direction only",
             "-(dF_c + dF_v * |v|) in - direction only",
-        )[int(np.clip(round(shape["side"]), 0, 2))]
+        )[which(shape["side"], 3)]
         return f"dI = {form}, {at_rest(shape.get('rest', 0.0))}"
 
     def needs(self, states):

@@ -11,7 +11,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
 from pido.diagnosis.mechanisms.friction import at_rest, direction
 from pido.diagnosis.state import AxisState
 
@@ -147,9 +147,7 @@ class ToolWear(Mechanism):
         if used is None or state.engaged is None:
             return nothing(state)
         used = used / (1000.0 if round(by) == 0 else 60.0)
-        factor = (load(state), state.engaged.astype(float), state.engaged * direction(state), state.m_sp)[
-            int(np.clip(round(of), 0, 3))
-        ]
+        factor = (load(state), state.engaged.astype(float), state.engaged * direction(state), state.m_sp)[which(of, 4)]
         return nothing(state) if factor is None else column(used * factor)
 
     def equation_in(self, axis, shape):
@@ -159,7 +157,7 @@ class ToolWear(Mechanism):
             "V while engaged",
             f"V * sgn(v) while engaged, {at_rest()}",
             "V * M_sp",
-        )[int(np.clip(round(shape["of"]), 0, 3))]
+        )[which(shape["of"], 4)]
         return f"dI = W * {of}; V = {used}"
 
     def needs(self, states):

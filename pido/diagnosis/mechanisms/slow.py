@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
 from pido.diagnosis.mechanisms.friction import at_rest, direction
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
@@ -48,13 +48,13 @@ class ThermalDrift(Mechanism):
         else:
             cold = coldness(state.time, tau, coldness_after(state.earlier, float(state.clock[0]), tau))
         level = 1.0 - cold if round(rises) == 1 else cold
-        factor = (np.ones(len(cold)), direction(state), state.v * state.moving)[int(np.clip(round(along), 0, 2))]
+        factor = (np.ones(len(cold)), direction(state), state.v * state.moving)[which(along, 3)]
         return column(level * factor)
 
     def equation_in(self, axis, shape):
         clock, rises = round(shape["clock"]), round(shape["rises"]) == 1
         cold = f"{'c_0 * ' if clock > 1 else ''}exp(-t / tau)"
-        along = ("", f" * sgn(v), {at_rest()}", " * v")[int(np.clip(round(shape["along"]), 0, 2))]
+        along = ("", f" * sgn(v), {at_rest()}", " * v")[which(shape["along"], 3)]
         since = (
             "t = time since the start of each part",
             "t = time since the start of the first part",
@@ -104,7 +104,7 @@ class CurrentSaturation(Mechanism):
         sim = state.sim
         if sim is None:
             return nothing(state)
-        form = int(np.clip(round(form), 0, 3))
+        form = which(form, 4)
         if form == 0:
             return column(beyond(sim, I_k))
         if form == 3:
@@ -117,7 +117,7 @@ class CurrentSaturation(Mechanism):
             "s * I * |I|",
             "s * I^3",
             "s * (I - I_k * tanh(I / I_k))",
-        )[int(np.clip(round(shape["form"]), 0, 3))]
+        )[which(shape["form"], 4)]
         return f"dI = {form}; I = simulated current"
 
     def idle(self, shape):
