@@ -21,6 +21,8 @@ from pido.diagnosis.models import AxisModel, axis_models
 from pido.diagnosis.pair import pair_of
 from pido.diagnosis.state import AxisState, axis_states
 
+_REMEMBER = frozenset({"thermal_drift", "tool_wear"})
+
 
 def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence[Recording] = ()) -> PartSeries:
     """Simulation plus all findings for one part.
@@ -43,6 +45,17 @@ def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence
     if not corrected:
         raise DiagnosisError("the model holds no axis. Run 'pido diagnose' on parts with recorded currents first.")
     return PartSeries(recording.time, mismatch, scores, corrected)
+
+
+def not_told_of(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> list[int]:
+    """Places in the production sequence, before this part, of parts that neither the diagnosis nor `earlier` holds,
+    where a finding depends on what they left behind: heat, or wear that the part itself does not state."""
+    terms = [t for m in axis_models(model).values() for t in m.terms]
+    known = [o for o in (*model.get("orders", []), *(r.part.order for r in earlier)) if o is not None]
+    own = recording.part.order
+    if own is None or not known or not any(t.mechanism.id in _REMEMBER for t in terms):
+        return []
+    return sorted(set(range(min(known), own)) - set(known))
 
 
 def apply(model: AxisModel, recording: Recording, state: AxisState) -> tuple[Float1D, Float1D, Float1D]:

@@ -137,7 +137,7 @@ def _diagnose(
             r.part.part: PartSeries(r.time, *({a: v[i] for a, v in series[r.part.part].items()} for i in range(3)))
             for r in parts
         },
-        model={**as_json(models), "history": _history(parts)},
+        model={**as_json(models), "history": _history(parts), "orders": [r.part.order for r in parts]},
         rejected=tuple(rejected),
         notes=tuple(notes),
     )

@@ -4,6 +4,7 @@ import importlib.util
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 
@@ -288,6 +289,23 @@ def test_correct_prints_the_file_it_wrote(diagnosed, call, folder, tmp_path):
     assert code == 0
     assert out.strip() == str(tmp_path / "c.parquet")
     assert (tmp_path / "c.parquet").exists()
+
+
+def test_correct_says_which_parts_it_was_not_told_of(diagnosed, call, folder, tmp_path):
+    model = json.loads((diagnosed[0] / "model.json").read_text())
+    again = shutil.copytree(diagnosed[0], tmp_path / "d")
+    model["axes"]["x"]["terms"].append(
+        {"mechanism": {"id": "thermal_drift"}, "name": "thermal_drift", "gates": [], "amplitudes": [0.1],
+         "shape": {"tau": 100.0, "clock": 1.0, "along": 0.0, "rises": 0.0}}
+    )  # fmt: skip
+    model["axes"]["x"]["largest"].append(0.1)
+    model["orders"] = [1, 2]
+    (again / "model.json").write_text(json.dumps(model))
+    late = shutil.copytree(folder / "p3", tmp_path / "late")
+    (late / "part.json").write_text(json.dumps(json.loads((late / "part.json").read_text()) | {"order": 5}))
+    code, _, err = call("correct", again, late, "--out", tmp_path / "c.parquet")
+    assert code == 0
+    assert "number 3, 4 in production order is not known" in err
 
 
 def test_ingest_says_one_json_object_per_recording(call, folder, tmp_path):

@@ -1,6 +1,7 @@
 """A part that does not say what a finding follows from is not corrected in silence."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from pido.core.errors import DiagnosisError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.correct import correct
+from pido.diagnosis.correct import correct, not_told_of
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.formulas import Formula
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -44,6 +45,37 @@ def test_a_part_in_which_coolant_was_off_is_corrected_by_nothing():
     np.testing.assert_array_equal(series.corrected["x"], part()["curr_x_sim"])
     on = correct(model, part(coolant=np.ones(500)))
     np.testing.assert_allclose(on.mismatch["x"], 1.0)
+
+
+DRIFT = Term(
+    next(m for m in CATALOGUE if m.id == "thermal_drift"),
+    (("tau", 100.0), ("clock", 2.0), ("along", 0.0), ("rises", 0.0)),
+)
+
+
+def made(order):
+    """Parts of ten seconds, a second after one another."""
+    return replace(part(), part=PartInfo(part=f"p{order}", machine="m", order=order, start_time_s=11.0 * (order - 1)))
+
+
+def test_heat_is_carried_on_from_the_parts_that_are_known_and_the_others_are_named():
+    parts = [made(k) for k in (1, 2)]
+    states = axis_states(parts, "x")
+    model = as_json({"x": AxisModel("x", 0.1, (DRIFT,), (np.ones(1),), known=known_of(states))})
+    model |= {"history": [[0.0, 9.98], [11.0, 20.98]], "orders": [1, 2]}
+    assert not_told_of(model, made(3)) == []
+    assert not_told_of(model, made(5)) == [3, 4]
+    assert not_told_of(model, made(5), [made(3), made(4)]) == []
+    cold = correct(model, made(5)).mismatch["x"][0]
+    warm = correct(model, made(5), [made(3), made(4)]).mismatch["x"][0]
+    # forty seconds of running against twenty, of a hundred that heat takes; pauses of a second cool a little
+    assert warm == pytest.approx(np.exp(-0.4), abs=0.03)
+    assert cold > warm + 0.1
+
+
+def test_what_remembers_nothing_asks_for_no_parts():
+    model = model_of(COOLANT, part(coolant=np.ones(500))) | {"orders": [1]}
+    assert not_told_of(model, made(5)) == []
 
 
 @pytest.mark.parametrize(
