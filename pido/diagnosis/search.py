@@ -80,9 +80,9 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out."""
     mismatch, noise = look.mismatch, look.noise
     answer = Answer(mismatch.axis, rejected=list(look.rejected))
-    # A shift in time is common to all axes, and was decided before: on one axis it can only be a rival.
-    rivals = [t for t in look.offered if t.mechanism.id != "sensor_clipping"]
-    library = Library(mismatch, _not_timing(rivals), _any_sign(look.inside))
+    # A shift in time is common to all axes, and a limit is flat: both were decided before, and can only be rivals.
+    names = [t for t in _not_timing(look.offered) if t.mechanism.id != "sensor_clipping"]
+    library = Library(mismatch, names, _any_sign(look.inside))
     terms = select_terms(library, noise)
     # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
     noise = noise_of(mismatch, noise, terms)
@@ -119,7 +119,8 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     for better in (likelier, fewest, plainest):
         terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
-    if terms and not timed:
+    if terms:
+        rivals = _not_timing(look.offered) if timed else look.offered
         library = Library(mismatch, rivals, _any_sign(look.inside))
     library.whiten(noise)
     answer.terms = terms

@@ -164,6 +164,17 @@ def test_one_mechanism_stands_for_two_where_it_says_as_much_and_only_there(effec
     assert [t.name for t in fewest(library, noise, two)] == names
 
 
+def test_a_limit_that_noise_hides_may_be_the_sensors_or_the_drives():
+    """A flat top with noise upon it: no data tell a drive that gives no more from a sensor that shows no more."""
+    states = axis_states(list(recordings()), "x")
+    rng = np.random.default_rng(5)
+    over = [np.clip(s.sim, -0.6, 0.6) - s.sim + rng.normal(0, NOISE, len(s.time)) for s in states]
+    answer = search(first_look(lay_out(states, over), rng), 1, False, rng)
+    assert [t.name for t in answer.terms] == ["current_saturation"]
+    assert answer.rivals[0][0].name == "sensor_clipping"
+    assert abs(answer.rivals[0][0].delta_bic) < 10.0
+
+
 def test_a_law_of_speed_is_likelier_than_a_box_of_speed_that_is_as_good():
     mismatch, noise = laid_out(lambda s: 0.1 * np.exp(-((s.v / 3.0) ** 2)) * s.held * s.moving)
     coulomb, law = BY_ID["coulomb_friction"], BY_ID["stribeck_friction"]
