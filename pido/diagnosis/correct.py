@@ -50,10 +50,13 @@ def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence
 def not_told_of(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> list[int]:
     """Places in the production sequence, before this part, of parts that neither the diagnosis nor `earlier` holds,
     where a finding depends on what they left behind: heat, or wear that the part itself does not state."""
-    terms = [t for m in axis_models(model).values() for t in m.terms]
+    asked = _REMEMBER & {t.mechanism.id for m in axis_models(model).values() for t in m.terms}
+    tools = recording.part.tools.values()
+    if tools and all(tool.used_before is not None for tool in tools):
+        asked -= {"tool_wear"}
     known = [o for o in (*model.get("orders", []), *(r.part.order for r in earlier)) if o is not None]
     own = recording.part.order
-    if own is None or not known or not any(t.mechanism.id in _REMEMBER for t in terms):
+    if own is None or not known or not asked:
         return []
     return sorted(set(range(min(known), own)) - set(known))
 

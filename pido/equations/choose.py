@@ -99,7 +99,7 @@ class AxisEquations:
         are. A line through a small range of speeds or loads says nothing far beyond it
     spread : (4,) – bound on the whole leverage, at which the standard error of a prediction is the spread of the
         currents. In acceleration a line goes on by Newton's law, as far as its slope is known
-        Infinite: no such rule, as in the paper
+    Infinite bounds: no such rule, as in the paper
     """
 
     near: tuple[tuple[tuple[int, ...], LocalEquations], ...]

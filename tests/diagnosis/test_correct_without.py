@@ -73,6 +73,18 @@ def test_heat_is_carried_on_from_the_parts_that_are_known_and_the_others_are_nam
     assert cold > warm + 0.1
 
 
+@pytest.mark.parametrize(
+    ("used", "missing"), [({}, [2]), ({"used_before": {"cut_volume_mm3": 9.0, "cut_time_s": 3.0}}, [])]
+)
+def test_wear_that_a_part_states_itself_is_not_asked_for(used, missing):
+    wear = Term(next(m for m in CATALOGUE if m.id == "tool_wear"), (("by", 1.0), ("of", 1.0)))
+    late = replace(
+        made(3), part=PartInfo.model_validate({"part": "p3", "machine": "m", "order": 3, "tools": {"1": used}})
+    )
+    model = as_json({"x": AxisModel("x", 0.1, (wear,), (np.ones(1),))}) | {"orders": [1]}
+    assert not_told_of(model, late) == missing
+
+
 def test_what_remembers_nothing_asks_for_no_parts():
     model = model_of(COOLANT, part(coolant=np.ones(500))) | {"orders": [1]}
     assert not_told_of(model, made(5)) == []
