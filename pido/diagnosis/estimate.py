@@ -42,7 +42,7 @@ def settle_shapes(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> li
         moves = _gauss_newton(mismatch, noise, terms, best)
         improved = False
         for share in (1.0, 0.3):
-            trial = [_moved(t, m, share) for t, m in zip(terms, moves, strict=True)]
+            trial = [_moved(mismatch, t, m, share) for t, m in zip(terms, moves, strict=True)]
             found = fit(mismatch, noise, trial)
             if found.rss < best.rss * (1 - 1e-6):
                 terms, best, improved = trial, found, True
@@ -159,15 +159,17 @@ def _gauss_newton(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], joint
     return moves
 
 
-def _moved(term: Term, moves: dict[str, float], share: float) -> Term:
+def _moved(mismatch: Mismatch, term: Term, moves: dict[str, float], share: float) -> Term:
+    """`term` with its shape moved, no further than a search would; beyond a grid's end as far as is plausible."""
     shape = dict(term.shape)
     for p in term.mechanism.shape:
         if p.name in moves:
             value, move = shape[p.name], share * moves[p.name]
             new = value * np.exp(np.clip(move, -0.7, 0.7)) if p.scale == "log" else value + move
-            low = -np.inf if p.low is None else p.low
-            high = np.inf if p.high is None else p.high
-            shape[p.name] = float(np.clip(new, low, high))
+            low, high = term.mechanism.around(p.name, dict(term.shape), mismatch.states)
+            low = (-np.inf if p.low is None else p.low) if low == value else low
+            high = (np.inf if p.high is None else p.high) if high == value else high
+            shape[p.name] = float(np.clip(new, min(low, value), max(high, value)))
     return replace(term, shape=tuple(shape.items()))
 
 

@@ -13,14 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pido.diagnosis.confirm import even, plain_error
+from pido.diagnosis.confirm import cross_residual, even, plain_error
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.library import Library, basis
-from pido.diagnosis.misfit import MISFIT, MISFIT_PLAIN
+from pido.diagnosis.misfit import AT_STOPS, MISFIT, MISFIT_PLAIN, acting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import within_same_limits
 from pido.diagnosis.select import drop_useless, refine, shortlist_of
-from pido.diagnosis.terms import Term
+from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
 
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
@@ -29,6 +29,9 @@ VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, fr
 _FEW_RIVALS = 5  # that are tried in the place of several terms
 AS_GOOD = 1 / 0.998  # times an error on unseen folds: as good
 _WORSE = 0.15  # of the error on unseen folds, by which one law for several may be worse: their forms mend each other
+_MISSED = 0.25  # of what several laws remove where one of them acts: one law that lacks more there does not say it
+# What turns with the motion: where it turns, the form of one may lack any share of what another mends.
+_OF_TURNS = AT_STOPS | {"coulomb_friction", "friction_asymmetry"}
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -109,7 +112,8 @@ def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequen
     for score in shortlist_of(library.screen(current), {t.name for t in rest})[:_FEW_RIVALS]:
         term = refine(library, current, score).term
         left = plain_error(mismatch, [*rest, term]) ** 2
-        if _nearly_all(none, left, whole) and numbers([term]) <= numbers(group):
+        simple = numbers([term]) <= numbers(group)
+        if simple and _nearly_all(none, left, whole) and not _misses(mismatch, flat, terms, group, term):
             found.append((numbers([term]), left, term))
     if not found:
         return None
@@ -126,6 +130,30 @@ def _nearly_all(none: float, left: float, whole: float) -> bool:
     Of a strong effect a small share is a lot: what makes a correction clearly worse stands for nothing.
     """
     return _lacks_little(none, left, whole, MISFIT) and whole > (1 - _WORSE) ** 2 * left
+
+
+def _misses(mismatch: Mismatch, flat: Noise, terms: Sequence[Term], group: Sequence[Term], one: Term) -> bool:
+    """Whether one of the laws of `group` has a place of its own, where `one` for all of them does not what they do.
+
+    Backlash is little of all that a weight does, and nearly all that is left at reversals: a constant has no form that
+    others could mend. What has no name may stand for the edges of any law.
+    """
+    if len(group) == 1:
+        return False
+    rest = [t for t in terms if t not in group]
+    none, left, whole = (cross_residual(mismatch, flat, t) ** 2 for t in (rest, [*rest, one], terms))
+    for term, amplitudes in zip(terms, fit(mismatch, flat, terms).amplitudes, strict=True):
+        alike = {term.mechanism.id, one.mechanism.id} <= _OF_TURNS
+        if term not in group or term.name == "unknown" or alike:
+            continue
+        acts = acting(mismatch, amplitudes @ term.columns(mismatch.states))
+        if not acts.any():
+            continue
+        before, now, all_of_them = (float(np.mean(x[acts])) for x in (none, left, whole))
+        worse = one.mechanism.id in _STEADY[0] and all_of_them < (1 - _WORSE) ** 2 * now
+        if worse or not _lacks_little(before, now, all_of_them, _MISSED):
+            return True
+    return False
 
 
 def _lacks_little(none: float, left: float, whole: float, share: float) -> bool:

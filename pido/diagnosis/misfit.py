@@ -41,7 +41,7 @@ MISFIT, MISFIT_PLAIN = 0.04, 0.01
 # through, and turns within micrometres that no record shows: a textbook form is right to a good part of it only. One
 # that takes WORTH of the error on unseen folds away stays nevertheless: a correction is better with it.
 _MISFIT_AT_STOPS = 0.08
-_AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
+AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
 _CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
 _TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: with so much of it gone it is no gain
 _SMALL = 0.12  # the same share for a finding that is small in its own right
@@ -120,7 +120,7 @@ def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> 
     """Of several terms around stops and reversals the one that is missed least, where that is little of what they
     remove together; None where each is needed.
     """
-    family = [i for i, t in enumerate(terms) if t.mechanism.id in _AT_STOPS]
+    family = [i for i, t in enumerate(terms) if t.mechanism.id in AT_STOPS]
     if len(family) < 2:
         return None
 
@@ -206,7 +206,7 @@ def _mends_form(
         if of_stops and at_stops > 0:
             # A form that acts in few rows mends them well: it is asked for its share of all that the others remove.
             share = min(share, whole / at_stops)
-        at_stops += max(whole, 0.0) if terms[i].mechanism.id in _AT_STOPS else 0.0
+        at_stops += max(whole, 0.0) if terms[i].mechanism.id in AT_STOPS else 0.0
         free = terms[i].free > 0 or len(terms[i].mechanism.amplitudes) > 1
         small = share < (_MISFIT_AT_STOPS if of_stops else MISFIT if free else MISFIT_PLAIN)
         small = small or (share < _SMALL and added < (_SMALL_EFFECT * level) ** 2)
@@ -224,8 +224,8 @@ def _mends_form(
 
 def _of_stops(term: Term, stronger: Sequence[Term]) -> bool:
     """Whether a term acts around stops and reversals, or is what no name says beside one that does."""
-    beside = term.name == "unknown" and any(t.mechanism.id in _AT_STOPS for t in stronger)
-    return beside or term.mechanism.id in _AT_STOPS
+    beside = term.name == "unknown" and any(t.mechanism.id in AT_STOPS for t in stronger)
+    return beside or term.mechanism.id in AT_STOPS
 
 
 def lasting(mismatch: Mismatch, term: Term) -> float:

@@ -11,6 +11,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose, proved, settled
+from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library
@@ -60,6 +61,30 @@ def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
     rng = np.random.default_rng(0)
     answer = search(first_look(laid_out(delayed)[0], rng), 1, False, rng)
     assert [t.name for t in answer.terms] == ["stribeck_friction"]
+
+
+def test_what_acts_at_reversals_stays_beside_a_weight_that_removes_nearly_all():
+    def weighed(state):
+        turned = np.minimum(state.since_reversal / 0.05, 50.0)
+        return 0.4 - 0.06 * np.exp(-turned) * state.held * state.moving
+
+    mismatch, noise = laid_out(weighed)
+    weight = Term(BY_ID["gravity_load"], (("by_tool", 0.0),))
+    lost = Term(BY_ID["backlash"], tuple({**BY_ID["backlash"].starts(mismatch.states)[0], "gap": 0.05}.items()))
+    library = Library(mismatch, [weight, lost])
+    library.whiten(noise)
+    assert plain_error(mismatch, [weight]) < 1.15 * plain_error(mismatch, [weight, lost])
+    assert fewest(library, noise, [weight, lost]) == [weight, lost]
+
+
+def test_a_length_is_moved_no_further_than_the_travel_can_show():
+    mismatch, noise = laid_out(lambda s: 0.1 * (s.pos - np.mean(s.pos)) * s.held * s.moving)
+    uneven = BY_ID["position_dependent_friction"]
+    terms = [Term(uneven, tuple(next(s for s in uneven.starts(mismatch.states) if s["form"] == 0).items()))]
+    for _ in range(5):
+        terms = settle_shapes(mismatch, noise, terms)
+    longest = uneven.around("L", {**dict(terms[0].shape), "L": 1e9}, mismatch.states)[1]
+    assert dict(terms[0].shape)["L"] <= longest
 
 
 def test_two_findings_that_take_each_other_back_do_not_both_stand():
