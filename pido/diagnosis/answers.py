@@ -17,6 +17,7 @@ from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.finding import Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, workpiece_area
+from pido.diagnosis.mechanisms.advice import recording_that_tells
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term, gate_variable
@@ -133,9 +134,8 @@ def words(term: Term, states: Sequence[AxisState]) -> tuple[str, tuple[str, ...]
 def alternatives_of(term: Term, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:
     """Mechanisms that do nearly as well in this term's place, nearest first, with the recording that would tell."""
     near = [r for r in rivals if r.delta_bic < _NEAR or r.share > 0.75]
-    advice = getattr(term.mechanism, "tell_apart", {})
     return tuple(
-        Alternative(r.name, float(r.delta_bic), advice.get(r.name.removeprefix("miscalibrated:"), ""))
+        Alternative(r.name, float(r.delta_bic), recording_that_tells(term.mechanism.id, r.name))
         for r in near[:_MOST_ALTERNATIVES]
     )
 

@@ -1,5 +1,6 @@
 """What a mechanism must not depend on, and what it needs before it may be named at all."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mechanisms.advice import recording_that_tells
 from pido.diagnosis.state import axis_state, axis_states
 
 BY_ID = {m.id: m for m in CATALOGUE}
@@ -195,6 +197,11 @@ def test_every_recording_that_would_tell_two_mechanisms_apart_is_known_from_both
         for other, text in mechanism.tell_apart.items():
             if other in BY_ID:
                 assert BY_ID[other].tell_apart[mechanism.id] == text
+
+
+def test_for_any_two_mechanisms_there_is_a_recording_that_would_tell_them_apart():
+    for a, b in itertools.permutations([*BY_ID, "unknown"], 2):
+        assert len(recording_that_tells(a, b)) > 10, (a, b)
 
 
 def test_a_fault_of_another_axis_does_not_enter_through_a_coupling():

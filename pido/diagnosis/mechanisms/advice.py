@@ -76,6 +76,64 @@ _PAIRS: dict[tuple[str, str], str] = {
     ("sensor_gain", "coulomb_friction"): "20 s at constant feed and ten hard accelerations",
 }
 
+_CHANGES = {
+    "coulomb_friction": "the direction of motion",
+    "viscous_friction": "the feed",
+    "stribeck_friction": "a feed below 10 mm/s",
+    "standstill_friction": "the length of stops",
+    "friction_asymmetry": "the direction of motion",
+    "load_dependent_friction": "the process load across the guideway",
+    "position_dependent_friction": "the place along the travel",
+    "presliding_hysteresis": "the length of short moves after reversals",
+    "backlash": "the number of reversals",
+    "inertia": "the acceleration",
+    "gravity_load": "the mass of the tool",
+    "axis_coupling": "the motion of the other axes",
+    "torque_ripple": "the place within one turn of the drive",
+    "cutting_force": "the depth of cut",
+    "edge_force": "the feed per tooth",
+    "tool_wear": "the wear of the tool",
+    "material_hard_zone": "the place on the workpiece",
+    "coolant_load": "the coolant, on and off,",
+    "spindle_viscous_drag": "the spindle speed",
+    "spindle_windage": "the spindle speed",
+    "spindle_inertia": "the acceleration of the spindle",
+    "spindle_torque_load": "the cutting torque",
+    "thermal_drift": "the time since the machine was started",
+    "current_saturation": "the size of the current",
+    "external_force": "the time of day",
+    "sensor_gain": "the size of the current",
+    "sensor_offset": "the drive, on and off,",
+    "sensor_clipping": "the size of the current",
+    "time_misalignment": "the acceleration",
+}
+"""What has to change in a recording to show a mechanism."""
+
+
+def recording_that_tells(own: str, other: str) -> str:
+    """The recording that separates two mechanisms (either may be 'miscalibrated:<id>').
+
+    >>> recording_that_tells("viscous_friction", "miscalibrated:coulomb_friction")
+    'an air cut at three feeds, both directions, 40 s'
+    >>> recording_that_tells("unknown", "inertia")
+    'a recording in which the acceleration changes over its whole range while all else stays the same, 20 s'
+    >>> recording_that_tells("coolant_load", "viscous_friction")  # doctest: +ELLIPSIS
+    'a recording in which the coolant, on and off, changes while the feed does not, and one in which ..., 20 s each'
+    """
+    own, other = (name.removeprefix("miscalibrated:") for name in (own, other))
+    known = recordings_against(own).get(other)
+    if known is not None:
+        return known
+    a, b = (_CHANGES.get(name) for name in (own, other))
+    if a is None or b is None or a == b:
+        what = a or b
+        whole = f"a recording in which {what} changes over its whole range while all else stays the same, 20 s"
+        return whole if what else ""
+    return (
+        f"a recording in which {a} changes while {b} does not, and one in which {b} changes while {a} does not, "
+        "20 s each"
+    )
+
 
 def recordings_against(own: str) -> dict[str, str]:
     """Identifier of each mechanism that `own` may be mistaken for -> the recording that separates the two."""
