@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import Akima1DInterpolator
 
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT_SIM
@@ -138,16 +138,14 @@ def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
 def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
     """The signal as it is seen `delay[0] + delay[1] * time` later; held at the ends.
 
-    Between samples by cubics that do not overshoot (Fritsch and Carlson 1980): straight lines cut the peaks, and what
-    is cut then looks like a part of the shift.
+    Between samples by cubics that hardly overshoot beside a step (Akima 1970, as modified in scipy): straight lines
+    and monotone cubics cut the peaks, and what is cut then looks like a part of the shift.
     """
     good = np.isfinite(values)
     if np.sum(good) < 2:
         return values
     first, last = time[good][0], time[good][-1]
-    # A simulated current that fades out takes steps too small to divide by; its slope there is zero, and that is used.
-    with np.errstate(over="ignore"):
-        curve = PchipInterpolator(time[good], values[good])
+    curve = Akima1DInterpolator(time[good], values[good], method="makima")
     return curve(np.clip(time - delay[0] - delay[1] * time, first, last))
 
 

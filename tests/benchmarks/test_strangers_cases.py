@@ -61,7 +61,7 @@ def test_the_truth_has_a_row_for_every_sample_and_is_what_was_recorded_beside_th
         concealed = {e["axis"] for e in truth["effects"]}
         for a in AXES:
             assert secret[f"acts_{a}"].dtype == bool
-            assert a in concealed or not secret[f"effect_{a}"].any()
+            assert a in concealed or not secret[f"effect_{a}"].to_numpy().any()
             if truth["what"] != "sensor_clipping":
                 rest = recording[CURRENT[a]] - recording[CURRENT_SIM[a]] - secret[f"effect_{a}"].to_numpy()
                 # what is left is noise: it does not go with the simulation

@@ -111,3 +111,9 @@ def test_a_current_that_fades_out_below_all_numbers_is_shifted_without_a_warning
         warnings.simplefilter("error")
         moved = shifted(t, fading, (0.02, 0.0))
     np.testing.assert_allclose(moved[1:], fading[:-1], rtol=1e-9, atol=1e-300)
+
+
+def test_peaks_between_samples_are_not_cut_where_a_current_is_shifted():
+    t = np.arange(200) * 0.02
+    moved = shifted(t, np.sin(10 * np.pi * t), (0.01, 0.0))
+    np.testing.assert_allclose(moved[2:], np.sin(10 * np.pi * (t - 0.01))[2:], atol=0.02)
