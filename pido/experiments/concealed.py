@@ -87,7 +87,7 @@ def run(
     """One row per case and solver. What `folder` holds from an earlier run, by the same code, is not computed again."""
     kept = folder / "rows"
     kept.mkdir(parents=True, exist_ok=True)
-    under = _code()
+    under = code_digest()
     files = {t: kept / f"{t.key}-{under}-{'-'.join(solvers)}.json" for t in tasks}
     left = [t for t in tasks if not files[t].exists()]
     on_progress(len(tasks) - len(left), len(tasks), "")
@@ -105,13 +105,13 @@ def _one(task: Task, folder: Path, solvers: tuple[str, ...]) -> list[dict[str, A
     """A case in a process of its own: one thread, and a crash of it is a row and not the end."""
     call = [sys.executable, "-m", "pido.experiments.concealed", json.dumps([task.kind, task.strength, task.seed]),
             str(folder), ",".join(solvers)]  # fmt: skip
-    ended = subprocess.run(call, capture_output=True, text=True, env=_one_thread(), check=False)
+    ended = subprocess.run(call, capture_output=True, text=True, env=one_thread(), check=False)
     if ended.returncode:
         raise PidoError(f"case {task.kind}, strength {task.strength}, seed {task.seed}: {ended.stderr[-800:]}")
     return json.loads(ended.stdout.splitlines()[-1])
 
 
-def _one_thread() -> dict[str, str]:
+def one_thread() -> dict[str, str]:
     return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -156,7 +156,7 @@ def tool(parts: Sequence[Path], unseen: Path, place: Path) -> Answer:
 
 def _pido(*arguments: str) -> None:
     call = [sys.executable, "-m", "pido.cli", *arguments]
-    ended = subprocess.run(call, capture_output=True, text=True, env=_one_thread(), check=False)
+    ended = subprocess.run(call, capture_output=True, text=True, env=one_thread(), check=False)
     if ended.returncode:
         raise PidoError(f"pido {arguments[0]}: {ended.stderr[-800:]}")
 
@@ -189,10 +189,10 @@ def summarise(table: pd.DataFrame) -> Outcome:
         good[name] = pd.to_numeric(good.get(name, pd.Series(np.nan, good.index)))
     own = good[good["solver"] == TOOL]
     single = own[own["group"] == "single"]
-    by_kind = pd.DataFrame([{"kind": g, **_rates(rows)} for g, rows in own.groupby("group")])
-    by_strength = pd.DataFrame([{"strength": s, **_rates(rows)} for s, rows in single.groupby("strength")])
+    by_kind = pd.DataFrame([{"kind": g, **rates(rows)} for g, rows in own.groupby("group")])
+    by_strength = pd.DataFrame([{"strength": s, **rates(rows)} for s, rows in single.groupby("strength")])
     solvers = pd.DataFrame([{"solver": s, **_versus(good[good["solver"] == s])} for s in good["solver"].unique()])
-    each = pd.DataFrame([{"what": k, **_rates(rows)} for k, rows in own.groupby("kind")])
+    each = pd.DataFrame([{"what": k, **rates(rows)} for k, rows in own.groupby("kind")])
     columns = ["kind", "strength", "seed", "truth", "said"]
     wrong = own.loc[(own["first"].isin([False])) | (own["false"] > 0), columns]
     strong = single[single["strength"] >= 1]
@@ -216,7 +216,7 @@ def summarise(table: pd.DataFrame) -> Outcome:
     )
 
 
-def _rates(rows: pd.DataFrame) -> dict[str, Any]:
+def rates(rows: pd.DataFrame) -> dict[str, Any]:
     return {
         "cases": len(rows),
         "right first": _share(rows["first"]),
@@ -267,7 +267,7 @@ def _median(values: pd.Series) -> float | None:
     return round(float(known.median()), 3) if len(known) else None
 
 
-def _code() -> str:
+def code_digest() -> str:
     """Digest of everything that decides a row."""
     package, text = Path(__file__).parents[1], hashlib.sha256()
     for folder in ("core", "physics", "process", "feature_space", "equations", "recordings", "synthetic", "diagnosis"):
