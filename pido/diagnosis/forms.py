@@ -19,7 +19,7 @@ from pido.diagnosis.library import Library, basis
 from pido.diagnosis.misfit import AT_STOPS, MISFIT, MISFIT_PLAIN, acting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import within_same_limits
-from pido.diagnosis.select import drop_useless, refine, shortlist_of
+from pido.diagnosis.select import refine, shortlist_of
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
 
@@ -39,8 +39,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     """Of textbook forms that fit equally well beside the other terms, the first.
 
     What sgn(v) lacks of a presliding friction includes what it holds at standstill. Where the two have sizes of their
-    own, or nearly all of it is held at standstill, they are two findings. Where the simulation has no Coulomb friction
-    at all, a whole presliding friction is that friction and what sgn(v) lacks of it after a reversal.
+    own, or nearly all of it is held at standstill, they are two findings.
     """
     out = _without_limits(library.mismatch, _without_drift(library, _without_places(library, list(terms))))
     out = _without_whole_presliding(library, noise, out)
@@ -249,23 +248,21 @@ def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
 
 
 def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
-    coulomb = next((t for t in library.terms if t.name == "coulomb_friction"), None)
-    if coulomb is None:
+    """`terms` with Coulomb's friction for a whole presliding one, where this turns over so small a way that Coulomb's,
+    held at rest, does nearly all of it; and with what Coulomb's lacks of it, where that stands beside it."""
+    offered = [t for t in library.terms if t.name == "coulomb_friction"]
+    if not offered:
         return terms
-    beside = any(t.name == coulomb.name and not t.gates for t in terms)
-    may_hold = any(dict(t.shape).get("rest") for t in library.terms if t.name == coulomb.name)
+    beside = any(t.name == "coulomb_friction" and not t.gates for t in terms)
     for i, term in enumerate(terms):
         if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
-            turned = replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items()))
-            if beside:
-                return [*terms[:i], turned, *terms[i + 1 :]]  # the same sum, with all of Coulomb's friction in its name
             rest = [*terms[:i], *terms[i + 1 :]]
-            held = [*terms[:i], replace(coulomb, shape=(("rest", 2.0),)), *terms[i + 1 :]]
-            if may_hold and _nearly_all(*_left(library.mismatch, rest, held, terms)):
-                return held
-            trial = drop_useless(library, noise, [*terms[:i], coulomb, turned, *terms[i + 1 :]])
-            if basis(library, noise, trial).bic < basis(library, noise, terms).bic + LEAST_GAIN:
-                return trial
+            if beside:  # the same sum, with all of Coulomb's friction in its name
+                return [*rest[:i], replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items())), *rest[i:]]
+            for coulomb in offered:
+                trial = [*rest[:i], coulomb, *rest[i:]]
+                if _nearly_all(*_left(library.mismatch, rest, trial, terms)):
+                    return trial
     return terms
 
 

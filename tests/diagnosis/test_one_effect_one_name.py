@@ -23,6 +23,7 @@ from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.timing import find_delay
 from pido.diagnosis.whiten import Noise, estimate_noise
+from pido.physics.friction import dahl_state
 
 NOISE = 0.02
 BY_ID = {m.id: m for m in CATALOGUE}
@@ -61,6 +62,20 @@ def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
     rng = np.random.default_rng(0)
     answer = search(first_look(laid_out(delayed)[0], rng), 1, False, rng)
     assert [t.name for t in answer.terms] == ["stribeck_friction"]
+
+
+def without_friction(mismatch: Mismatch) -> Mismatch:
+    """The same, against a simulation that has no friction."""
+    states = [replace(s, sim=0.004 * s.a) for s in mismatch.states]
+    return lay_out(states, np.split(mismatch.target, mismatch.edges[1:-1]))
+
+
+@pytest.mark.parametrize(("way", "name"), [(0.02, "coulomb_friction"), (1.0, "presliding_hysteresis")])
+def test_friction_that_turns_over_a_long_way_is_one_finding_by_that_name(way, name):
+    mismatch, _ = laid_out(lambda s: 0.2 * dahl_state(s.held, s.since_reversal, s.segment, way))
+    rng = np.random.default_rng(0)
+    answer = search(first_look(without_friction(mismatch), rng), 1, False, rng)
+    assert [t.name for t in answer.terms] == [name]
 
 
 def test_what_acts_at_reversals_stays_beside_a_weight_that_removes_nearly_all():
