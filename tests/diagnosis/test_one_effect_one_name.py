@@ -78,6 +78,16 @@ def test_friction_that_turns_over_a_long_way_is_one_finding_by_that_name(way, na
     assert [t.name for t in answer.terms] == [name]
 
 
+def test_a_ripple_that_a_drive_answers_late_is_no_friction_along_the_travel():
+    mismatch, _ = laid_out(lambda s: 0.1 * np.sin(2 * np.pi * (s.pos - 0.03 * s.v) / 5.0))
+    rng = np.random.default_rng(0)
+    (term,) = search(first_look(mismatch, rng), 1, False, rng).terms
+    assert term.name == "torque_ripple"
+    assert dict(term.shape)["L"] == pytest.approx(5.0, abs=0.01)
+    assert dict(term.shape)["late"] == pytest.approx(0.03, abs=0.005)
+    assert "p = pos - late * v" in term.mechanism.equation_in("x", dict(term.shape))
+
+
 def test_what_acts_at_reversals_stays_beside_a_weight_that_removes_nearly_all():
     def weighed(state):
         turned = np.minimum(state.since_reversal / 0.05, 50.0)

@@ -164,38 +164,45 @@ class AxisCoupling(Mechanism):
         return f"{axis} axis, while the {name} axis moves ({_KINDS[kind]} of {name})", (f"v_{name} != 0",)
 
 
+_LATEST = 0.1  # s, that a current answers late by
+
+
 class TorqueRipple(Mechanism):
     """A current periodic in the axis position: cogging, ball screw (any phase).
 
     harmonics : 0 one wave, 1 with that of half its length: no cog is a sine
+    late : s, by which the current answers after the place was passed, through the loop that drives the axis; without
+        it, the wave has another phase in each direction and looks like a friction that varies along the travel
     """
 
     id = "torque_ripple"
     equation = (
-        "dI = R_s * sin(2 pi pos / L) + R_c * cos(2 pi pos / L), "
-        "or with R_s2 * sin(4 pi pos / L) + R_c2 * cos(4 pi pos / L) added"
+        "dI = R_s * sin(2 pi p / L) + R_c * cos(2 pi p / L), p = pos - late * v, "
+        "or with R_s2 * sin(4 pi p / L) + R_c2 * cos(4 pi p / L) added"
     )
     amplitudes = (Parameter("R_s", "A"), Parameter("R_c", "A"), Parameter("R_s2", "A"), Parameter("R_c2", "A"))
     shape = (
         Parameter("L", "mm", low=_SHORTEST, high=_LONGEST, scale="log", values=_PERIODS),
         choice("harmonics", 2),
+        Parameter("late", "s", values=(0.0,)),
     )
     axes = LINEAR_AXES
     summary = "{axis} axis, repeating every {L:.4g} mm of travel"
     looked_at = 500
     follows_from = ("pos",)
 
-    def regressors(self, state, *, L, harmonics=0.0):
+    def regressors(self, state, *, L, harmonics=0.0, late=0.0):
         if state.pos is None:
             return nothing(state, 4)
-        half = wave(state.pos, L / 2) if round(harmonics) else np.zeros((len(state.pos), 2))
-        return np.column_stack([wave(state.pos, L), half])
+        passed = state.pos - late * np.nan_to_num(state.v)
+        half = wave(passed, L / 2) if round(harmonics) else np.zeros((len(passed), 2))
+        return np.column_stack([wave(passed, L), half])
 
     def equation_in(self, axis, shape):
-        text = "dI = R_s * sin(2 pi pos / L) + R_c * cos(2 pi pos / L)"
+        text = "dI = R_s * sin(2 pi p / L) + R_c * cos(2 pi p / L)"
         if round(shape.get("harmonics", 0.0)):
-            text += " + R_s2 * sin(4 pi pos / L) + R_c2 * cos(4 pi pos / L)"
-        return text
+            text += " + R_s2 * sin(4 pi p / L) + R_c2 * cos(4 pi p / L)"
+        return f"{text}; p = pos - late * v"
 
     def idle(self, shape):
         return frozenset() if round(shape.get("harmonics", 0.0)) else frozenset({"R_s2", "R_c2"})
@@ -211,7 +218,7 @@ class TorqueRipple(Mechanism):
         own = [h * s.lead for s in states[:1] if s.lead is not None for h in _HARMONICS]
         longest = min(_LONGEST, travel(states))
         periods = {round(p, 6) for p in (*own, *_PERIODS) if _SHORTEST <= p <= longest}
-        return tuple({"L": p, "harmonics": 0.0} for p in sorted(periods) or [_SHORTEST])
+        return tuple({"L": p, "harmonics": 0.0, "late": 0.0} for p in sorted(periods) or [_SHORTEST])
 
     def suggest(self, states, left):
         """Peaks of the periodogram over position."""
@@ -221,10 +228,14 @@ class TorqueRipple(Mechanism):
         value, moving = np.concatenate(left), np.concatenate([s.moving for s in states])
         good = np.isfinite(value) & np.isfinite(pos) & moving
         peaks = periods_of(pos[good], value[good], _SHORTEST, _LONGEST, PEAKS)
-        return tuple({"L": p, "harmonics": harmonics} for harmonics in (0.0, 1.0) for p in peaks)
+        return tuple({"L": p, "harmonics": harmonics, "late": 0.0} for harmonics in (0.0, 1.0) for p in peaks)
 
     def around(self, name, shape, states):
-        """Half a wave more or less over the whole travel: beyond it begins the next period that could be told apart."""
+        """Half a wave more or less over the whole travel, or at the usual feed: beyond it begins the next wave."""
+        if name == "late":
+            feeds = np.concatenate([np.abs(s.v[s.moving]) for s in states])
+            most = min(_LATEST, 0.25 * shape["L"] / max(float(np.median(feeds)), 1e-9)) if len(feeds) else 0.0
+            return -most, most
         if name != "L":
             return shape[name], shape[name]
         step = 0.5 / max(travel(states), 1e-9)
