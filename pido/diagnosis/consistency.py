@@ -69,7 +69,7 @@ def contradictions(
     steady = step < 1.5 * np.median(step)
     suspect = known.copy()
     if pos is not None:
-        _position_and_speed(out, time, step, steady, pos, v, suspect, turn)
+        _position_and_speed(out, time, step, steady, pos, v, a, suspect, turn)
         for rows in out.v.values():
             suspect |= rows
     if a is not None and np.median(step) <= _COARSE_S:
@@ -84,6 +84,7 @@ def _position_and_speed(
     steady: Bool1D,
     pos: Float1D,
     v: Float1D,
+    a: Float1D | None,
     suspect: Bool1D,
     turn: float | None,
 ) -> None:
@@ -125,7 +126,9 @@ def _position_and_speed(
     rough_pos, rough_v = _spread(moved / step), _spread(v)[1:]
     # A sample that was taken a step late, or left out, moves the position by what the speed says.
     late = np.where(rough_pos > rough_v, _LATE * np.abs(expected / step), 0.0)
-    limit = usual + np.minimum(rough_pos, rough_v) + late
+    # Under an acceleration a, the mean speed of a step may be a * dt / 4 beside that of its ends.
+    hardest = np.zeros(len(step)) if a is None else np.maximum(np.abs(a[1:]), np.abs(a[:-1]))
+    limit = usual + np.minimum(rough_pos, rough_v) + late + np.nan_to_num(hardest) * step / 4
     bad = (np.abs(rate) > limit) & steady & ~suspect[1:] & ~suspect[:-1] & ~(frozen[1:] & frozen[:-1])
     # Where a frozen position lets go it catches up: that jump belongs to the frozen stretch.
     near = np.convolve(frozen, np.ones(3), "same") > 0

@@ -73,6 +73,20 @@ def test_a_speed_that_was_smoothed_over_the_end_of_its_record_is_no_fault():
     assert input_faults(Recording(PartInfo(part="p", machine="m"), columns)) == {}
 
 
+def test_a_move_between_two_slow_samples_is_no_counter_reset():
+    """20 Hz: 6 mm under 8 m/s², of which the samples show the end alone."""
+    fine = np.arange(60_000) / 1000.0
+    pulse = np.r_[np.full(27, 8000.0), np.full(27, -8000.0)]
+    a = np.zeros(len(fine))
+    for k, start in enumerate(range(2_000, 58_000, 4_000)):
+        a[start : start + 16 * len(pulse)] = np.repeat(pulse / 64, 16) * (-1) ** k
+    a[30_502 : 30_502 + len(pulse)] = pulse
+    v = np.cumsum(a) / 1000.0
+    slow = {"time": fine, "pos_x": np.cumsum(v) / 1000.0, "v_x": v, "a_x": a, "curr_x": 1e-4 * a}
+    recording = Recording(PartInfo(part="p", machine="m"), {n: x[::50] for n, x in slow.items()})
+    assert input_faults(recording) == {}
+
+
 def test_the_last_digits_of_a_constant_speed_are_no_fault():
     t = np.arange(0.0, 40.0, 0.004)
     v = np.full(len(t), 55440.0)
