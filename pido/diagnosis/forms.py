@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from pido.diagnosis.confirm import cross_residual, even, plain_error
+from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.misfit import AT_STOPS, MISFIT, MISFIT_PLAIN, acting
@@ -32,6 +33,8 @@ _WORSE = 0.15  # of the error on unseen folds, by which one law for several may 
 _MISSED = 0.25  # of what several laws remove where one of them acts: one law that lacks more there does not say it
 # What turns with the motion: where it turns, the form of one may lack any share of what another mends.
 _OF_TURNS = AT_STOPS | {"coulomb_friction", "friction_asymmetry"}
+_WAY = 0.1  # mm, over which Coulomb's friction may turn; what takes longer, and no loop explains, is presliding
+_LATE_S = (0.005, 0.01, 0.02, 0.04, 0.08)  # s, by which the loop of a drive may answer
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -259,11 +262,22 @@ def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term])
             rest = [*terms[:i], *terms[i + 1 :]]
             if beside:  # the same sum, with all of Coulomb's friction in its name
                 return [*rest[:i], replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items())), *rest[i:]]
+            if dict(term.shape)["x_0"] > _WAY and not _turns_late(library.mismatch, rest, term):
+                continue
             for coulomb in offered:
                 trial = [*rest[:i], coulomb, *rest[i:]]
                 if _nearly_all(*_left(library.mismatch, rest, trial, terms)):
                     return trial
     return terms
+
+
+def _turns_late(mismatch: Mismatch, rest: Sequence[Term], presliding: Term) -> bool:
+    """Whether Coulomb's friction that a drive's loop answers late leaves as little error as a presliding one: at one
+    feed, a time is a way."""
+    forms = ((f"held_{mismatch.axis}", "u"), (f"v_{mismatch.axis}", "sgn u"))
+    late = [Term(Lagged(name, form, "–"), (("tau", tau),)) for name, form in forms for tau in _LATE_S]
+    least = min(plain_error(mismatch, [*rest, term]) for term in late)
+    return least < AS_GOOD * plain_error(mismatch, [*rest, presliding])
 
 
 def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:

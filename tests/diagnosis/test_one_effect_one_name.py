@@ -70,7 +70,9 @@ def without_friction(mismatch: Mismatch) -> Mismatch:
     return lay_out(states, np.split(mismatch.target, mismatch.edges[1:-1]))
 
 
-@pytest.mark.parametrize(("way", "name"), [(0.02, "coulomb_friction"), (1.0, "presliding_hysteresis")])
+@pytest.mark.parametrize(
+    ("way", "name"), [(0.02, "coulomb_friction"), (0.2, "presliding_hysteresis"), (1.0, "presliding_hysteresis")]
+)
 def test_friction_that_turns_over_a_long_way_is_one_finding_by_that_name(way, name):
     mismatch, _ = laid_out(lambda s: 0.2 * dahl_state(s.held, s.since_reversal, s.segment, way))
     rng = np.random.default_rng(0)
