@@ -256,7 +256,8 @@ def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term])
     offered = [t for t in library.terms if t.name == "coulomb_friction"]
     if not offered:
         return terms
-    beside = any(t.name == "coulomb_friction" and not t.gates for t in terms)
+    # The equation fits sgn(v) itself.
+    beside = bool(library.mismatch.base_names) or any(t.name == "coulomb_friction" and not t.gates for t in terms)
     for i, term in enumerate(terms):
         if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
             rest = [*terms[:i], *terms[i + 1 :]]

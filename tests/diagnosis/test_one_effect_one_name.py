@@ -11,7 +11,6 @@ from pido.core.recording import Recording
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose, proved, settled
-from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library
@@ -102,16 +101,6 @@ def test_what_acts_at_reversals_stays_beside_a_weight_that_removes_nearly_all():
     library.whiten(noise)
     assert plain_error(mismatch, [weight]) < 1.15 * plain_error(mismatch, [weight, lost])
     assert fewest(library, noise, [weight, lost]) == [weight, lost]
-
-
-def test_a_length_is_moved_no_further_than_the_travel_can_show():
-    mismatch, noise = laid_out(lambda s: 0.1 * (s.pos - np.mean(s.pos)) * s.held * s.moving)
-    uneven = BY_ID["position_dependent_friction"]
-    terms = [Term(uneven, tuple(next(s for s in uneven.starts(mismatch.states) if s["form"] == 0).items()))]
-    for _ in range(5):
-        terms = settle_shapes(mismatch, noise, terms)
-    longest = uneven.around("L", {**dict(terms[0].shape), "L": 1e9}, mismatch.states)[1]
-    assert dict(terms[0].shape)["L"] <= longest
 
 
 def test_two_findings_that_take_each_other_back_do_not_both_stand():
