@@ -14,12 +14,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -31,7 +27,7 @@ from benchmarks.stranger.cases import draw_case, plan
 from benchmarks.stranger.files import write_case
 from benchmarks.stranger.sealed import Task
 from pido.core.errors import PidoError
-from pido.experiments.concealed import code_digest, one_thread, rates, tool
+from pido.experiments.concealed import code_digest, each_once, in_a_process, rates, tool
 from pido.experiments.judged import judge
 
 ROOT = Path(__file__).parents[2]
@@ -55,28 +51,21 @@ def solve(task: Task, folder: Path) -> dict[str, Any]:
     return {**about, "plant": truth["machine"], **row}
 
 
-def _in_a_process(task: Task, folder: Path) -> dict[str, Any]:
-    """With one thread; what it says last is the row."""
-    call = [sys.executable, "-m", "benchmarks.stranger", "--one", json.dumps(asdict(task)), "--out", str(folder)]
-    ended = subprocess.run(call, capture_output=True, text=True, env=one_thread(), cwd=ROOT, check=False)
-    if ended.returncode:
-        raise PidoError(f"{task.group}, case {task.key}: {ended.stderr[-800:]}")
-    return json.loads(ended.stdout.splitlines()[-1])
-
-
 def examine(tasks: Sequence[Task], folder: Path, workers: int) -> pd.DataFrame:
     """One row per case; what `folder` holds from an earlier run of the same code is not asked again."""
     kept, under = folder / "rows", digest()
     kept.mkdir(parents=True, exist_ok=True)
     files = {t: kept / f"{t.key}-{under}.json" for t in tasks}
-    left = [t for t in tasks if not files[t].exists()]
-    with ThreadPoolExecutor(workers) as pool:  # the work is done in processes of their own
-        waiting = {pool.submit(_in_a_process, task, folder): task for task in left}
-        for done, future in enumerate(as_completed(waiting), start=len(tasks) - len(left) + 1):
-            row = future.result()
-            files[waiting[future]].write_text(json.dumps(row), encoding="utf-8")
-            click.echo(f"{done} of {len(tasks)}: {row['group']}", err=True)
-    table = pd.DataFrame([json.loads(files[t].read_text(encoding="utf-8")) for t in tasks])
+
+    def ask(task: Task) -> dict[str, Any]:
+        about, said = f"{task.group}, case {task.key}", json.dumps(asdict(task))
+        return in_a_process(about, "benchmarks.stranger", "--one", said, "--out", str(folder), place=ROOT)
+
+    def tell(done: int, of: int, task: Task | None) -> None:
+        if task is not None:
+            click.echo(f"{done} of {of}: {task.group}", err=True)
+
+    table = pd.DataFrame(each_once(files, ask, workers, tell))
     table.to_parquet(folder / "cases.parquet", index=False)
     return table
 
@@ -128,7 +117,7 @@ def only_draw(tasks: Sequence[Task], first: int, folder: Path) -> None:
 def main(
     cases: int, seed: int, first: int, last: int | None, workers: int, out: Path, drawn: Path | None, one: str | None
 ) -> None:
-    """Examine `pido diagnose` and `pido correct` on machines by somebody who has not seen their formulas.
+    """Examine `pido diagnose` and `pido correct` on machines that share no formula with them.
 
     \b
     python -m benchmarks.stranger --cases 50 --seed 1 --workers 2 --out out/stranger
@@ -150,5 +139,4 @@ def main(
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     main()

@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -39,6 +39,7 @@ from pido.synthetic.write import write_case
 
 STRENGTHS = (0.5, 1.0, 2.0, 4.0)
 TOOL = "pido"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -89,29 +90,45 @@ def run(
     kept.mkdir(parents=True, exist_ok=True)
     under = code_digest()
     files = {t: kept / f"{t.key}-{under}-{'-'.join(solvers)}.json" for t in tasks}
-    left = [t for t in tasks if not files[t].exists()]
-    on_progress(len(tasks) - len(left), len(tasks), "")
-    with ThreadPoolExecutor(workers) as pool:  # the work is done in processes of their own
-        waiting = {pool.submit(_one, task, folder, tuple(solvers)): task for task in left}
-        for done, future in enumerate(as_completed(waiting), start=len(tasks) - len(left) + 1):
-            files[waiting[future]].write_text(json.dumps(future.result()), encoding="utf-8")
-            on_progress(done, len(tasks), waiting[future].kind)
-    table = pd.DataFrame([row for t in tasks for row in json.loads(files[t].read_text(encoding="utf-8"))])
+
+    def ask(task: Task) -> list[dict[str, Any]]:
+        said = json.dumps([task.kind, task.strength, task.seed])
+        about = f"case {task.kind}, strength {task.strength}, seed {task.seed}"
+        return in_a_process(about, "pido.experiments.concealed", said, str(folder), ",".join(solvers))
+
+    answers = each_once(files, ask, workers, lambda done, of, task: on_progress(done, of, task.kind if task else ""))
+    table = pd.DataFrame([row for rows in answers for row in rows])
     table.to_parquet(folder / "cases.parquet", index=False)
     return table
 
 
-def _one(task: Task, folder: Path, solvers: tuple[str, ...]) -> list[dict[str, Any]]:
-    """A case in a process of its own: one thread, and a crash of it is a row and not the end."""
-    call = [sys.executable, "-m", "pido.experiments.concealed", json.dumps([task.kind, task.strength, task.seed]),
-            str(folder), ",".join(solvers)]  # fmt: skip
-    ended = subprocess.run(call, capture_output=True, text=True, env=one_thread(), check=False)
+def each_once(
+    files: Mapping[T, Path], ask: Callable[[T], Any], workers: int, on_progress: Callable[[int, int, T | None], None]
+) -> list[Any]:
+    """What `ask` answers to each task, as JSON data; kept in its file, and not asked again where that is there.
+
+    on_progress : (answers so far, of how many, the task that was answered last; None at the start)
+    """
+    left = [t for t in files if not files[t].exists()]
+    on_progress(len(files) - len(left), len(files), None)
+    with ThreadPoolExecutor(workers) as pool:  # the work is done in processes of their own
+        waiting = {pool.submit(ask, task): task for task in left}
+        for done, future in enumerate(as_completed(waiting), start=len(files) - len(left) + 1):
+            files[waiting[future]].write_text(json.dumps(future.result()), encoding="utf-8")
+            on_progress(done, len(files), waiting[future])
+    return [json.loads(file.read_text(encoding="utf-8")) for file in files.values()]
+
+
+def in_a_process(about: str, module: str, *arguments: str, place: Path | None = None) -> Any:
+    """What a module prints last, as JSON data: one thread, run from `place`. PidoError `about` it where it crashes."""
+    call = [sys.executable, "-m", module, *arguments]
+    ended = subprocess.run(call, capture_output=True, text=True, env=_one_thread(), cwd=place, check=False)
     if ended.returncode:
-        raise PidoError(f"case {task.kind}, strength {task.strength}, seed {task.seed}: {ended.stderr[-800:]}")
+        raise PidoError(f"{about}: {ended.stderr[-800:]}")
     return json.loads(ended.stdout.splitlines()[-1])
 
 
-def one_thread() -> dict[str, str]:
+def _one_thread() -> dict[str, str]:
     return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -156,7 +173,7 @@ def tool(parts: Sequence[Path], unseen: Path, place: Path) -> Answer:
 
 def _pido(*arguments: str) -> None:
     call = [sys.executable, "-m", "pido.cli", *arguments]
-    ended = subprocess.run(call, capture_output=True, text=True, env=one_thread(), check=False)
+    ended = subprocess.run(call, capture_output=True, text=True, env=_one_thread(), check=False)
     if ended.returncode:
         raise PidoError(f"pido {arguments[0]}: {ended.stderr[-800:]}")
 
@@ -217,6 +234,7 @@ def summarise(table: pd.DataFrame) -> Outcome:
 
 
 def rates(rows: pd.DataFrame) -> dict[str, Any]:
+    """Figures of some judged rows: shares with their intervals, medians, counts."""
     return {
         "cases": len(rows),
         "right first": _share(rows["first"]),
