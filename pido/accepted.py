@@ -129,6 +129,7 @@ def terms(workspace: Workspace, machine: Machine) -> tuple[tuple[AcceptedTerm, i
         alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [e.term]}
         model = axis_models({"axes": {e.axis: alone}})[e.axis]
         term, amplitudes = model.terms[0], model.amplitudes[0]
+        term = replace(term, lag=0.0)  # rows of samples do not follow one another
         found.append((AcceptedTerm(f"{e.axis} {e.mechanism} {e.id}", e.axis, term, bands), len(amplitudes)))
     return tuple(found)
 

@@ -96,6 +96,8 @@ def equation_text(term: Term, axis: str) -> str:
     text = re.sub(r"_i\b", f"_{axis}", text)
     text = re.sub(r"(?<![\w|])(v|a|pos)(?![\w_(])", rf"\1_{axis}", text)
     text = re.sub(r"\|(v|a)\|", rf"|\1_{axis}|", text)
+    if term.lag:
+        text += f"; answered late by the drive, first order, {term.lag:.2g} s"
     if term.gates:
         text += ", only where " + " and ".join(g.condition for g in term.gates)
     return text

@@ -30,8 +30,9 @@ from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_findin
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
 from pido.diagnosis.flexible import flexible_rest
-from pido.diagnosis.identify import Answer
+from pido.diagnosis.identify import Answer, noise_of
 from pido.diagnosis.locate import score
+from pido.diagnosis.loop import answered
 from pido.diagnosis.misfit import acting
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
@@ -237,7 +238,7 @@ def _delay_beside(looks: Mapping[str, Look], answers: Mapping[str, Answer]) -> D
     for axis, look in looks.items():
         answer = answers[axis]
         assert answer.noise is not None
-        noises[axis] = answer.noise
+        noises[axis] = noise_of(look.mismatch, answer.noise, answer.terms)
         left[axis] = look.mismatch.with_target(fit(look.mismatch, answer.noise, answer.terms).residual)
     if find_delay(left, noises, {}) is None:
         return None
@@ -260,6 +261,7 @@ def _settle(
     rest = flexible_rest(full, fit(full, even(full), answer.terms).residual)
     noise = estimate_noise(rest, full.starts, full.noise_class, full.usable)
     terms, noises = settled(full, noise, answer.terms)
+    terms = answered(full, noises[0], terms)
     terms, proofs, found = proved(full, noises, terms, answer, recorded, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])

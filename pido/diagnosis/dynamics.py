@@ -24,6 +24,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
+from pido.physics.drive import answered_late
 
 _WINDOW_S = 20.0  # of a spectrum
 _SLOWEST_HZ = 0.2
@@ -107,10 +108,7 @@ class Lagged(Unnamed):
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = FORMS[self.form](signals(state, [self.signal])[self.signal][0])
-        dt = _step(state)
-        if dt <= 0:
-            return np.zeros((len(u), len(self.amplitudes)))
-        late = _filtered([1.0], [shape["tau"], 1.0], u - u[0], dt) + u[0]
+        late = answered_late(u[None], state.time, shape["tau"])[0]
         if not self.by_cut:
             return late[:, None]
         cut = np.zeros(len(u), bool) if state.engaged is None else state.engaged

@@ -23,7 +23,8 @@ from pido.diagnosis.whiten import Noise
 
 _FORM = 0.02  # of an amplitude: no textbook form is a machine's to better than that, however many samples say so
 _STEP = 0.02  # relative, of a shape parameter
-_STEPS = 4  # Gauss-Newton
+LAG = "lag"
+_STEPS = 8  # Gauss-Newton
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ def estimate(
     joint = fit(mismatch, noise, terms)
     columns = [t.columns(mismatch.states) for t in terms]
     slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
-    design = np.concatenate([mismatch.base, *columns, *[s for group in slopes for s in group.values()]])
+    late = _lag_slope(mismatch, terms, joint.amplitudes)
+    design = np.concatenate([mismatch.base, *columns, *[s for group in slopes for s in group.values()], late])
     model = Whitened(noise.whiten(design), noise.whiten(mismatch.target[None])[0], ())
     beta, _ = solve(model.X, model.y)
     half = list(half_widths(model, mismatch, rng))
@@ -76,6 +78,7 @@ def estimate(
     ]
     out: list[dict[str, Estimate]] = []
     at, slope_at = len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns)
+    lags = len(mismatch.base) + sum(len(c) for c in columns) + sum(len(group) for group in slopes)
     for term, amplitudes, group in zip(terms, joint.amplitudes, slopes, strict=True):
         names = amplitude_names(term, len(amplitudes))
         found = {}
@@ -91,6 +94,8 @@ def estimate(
                 slope_at += 1
             else:
                 found[p.name] = Estimate(value, p.unit, (value, value))
+        if term.lag:
+            found[LAG] = Estimate(term.lag, "s", _around(term.lag, half[lags], log=True))
         out.append(found)
     return Estimated(joint, tuple(out))
 
@@ -133,28 +138,39 @@ def _slope(mismatch: Mismatch, term: Term, amplitudes: Float1D, name: str, value
         above, below = (
             (value * np.exp(step), value * np.exp(-step)) if log else (value + step * span, value - step * span)
         )
-        up, down = (
-            amplitudes
-            @ replace(term, shape=tuple({**dict(term.shape), name: float(v)}.items())).columns(mismatch.states)
-            for v in (above, below)
-        )
+        up, down = (amplitudes @ term.with_shape(**{name: float(v)}).columns(mismatch.states) for v in (above, below))
         slope = (up - down) / (2 * step * (1.0 if log else span))
         if np.sum((up - down) ** 2) < 0.1 * np.sum((up + down) ** 2) / 4:
             break
     return slope
 
 
+def _lag_slope(mismatch: Mismatch, terms: Sequence[Term], amplitudes: Sequence[Float1D]) -> Float2D:
+    """(1, n) – derivative of all late effects by the logarithm of the lag that they share; (0, n) where none is."""
+    slope, any_late = np.zeros((1, mismatch.n)), False
+    for term, a in zip(terms, amplitudes, strict=True):
+        if term.lag:
+            up, down = (
+                replace(term, lag=term.lag * float(np.exp(s))).columns(mismatch.states) for s in (_STEP, -_STEP)
+            )
+            slope, any_late = slope + a @ (up - down) / (2 * _STEP), True
+    return slope if any_late else slope[:0]
+
+
 def _gauss_newton(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], joint: Fit) -> list[dict[str, float]]:
     columns = [t.columns(mismatch.states) for t in terms]
     slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
-    extra = [s for group in slopes for s in group.values()]
+    late = _lag_slope(mismatch, terms, joint.amplitudes)
+    extra = [*(s for group in slopes for s in group.values()), *([late] if len(late) else [])]
     if not extra:
         return [{} for _ in terms]
     design = noise.whiten(np.concatenate([mismatch.base, *columns, *extra]))
     beta, _ = solve(design, noise.whiten(mismatch.target[None])[0])
     moves, at = [], len(design) - len(extra)
-    for group in slopes:
+    for term, group in zip(terms, slopes, strict=True):
         moves.append({name: float(beta[at + i]) for i, name in enumerate(group)})
+        if term.lag:
+            moves[-1][LAG] = float(beta[-1])
         at += len(group)
     return moves
 
@@ -170,7 +186,8 @@ def _moved(mismatch: Mismatch, term: Term, moves: dict[str, float], share: float
             low = (-np.inf if p.low is None else p.low) if low == value else low
             high = (np.inf if p.high is None else p.high) if high == value else high
             shape[p.name] = float(np.clip(new, min(low, value), max(high, value)))
-    return replace(term, shape=tuple(shape.items()))
+    lag = term.lag * float(np.exp(np.clip(share * moves.get(LAG, 0.0), -0.7, 0.7)))
+    return replace(term, shape=tuple(shape.items()), lag=lag)
 
 
 def _within(parameter: Parameter, interval: tuple[float, float]) -> tuple[float, float]:

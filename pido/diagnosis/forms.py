@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import cross_residual, even, plain_error
 from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
@@ -45,12 +46,12 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     own, or nearly all of it is held at standstill, they are two findings.
     """
     out = _without_limits(library.mismatch, _without_drift(library, _without_places(library, list(terms))))
-    out = _without_whole_presliding(library, noise, out)
+    out = _without_whole_presliding(library, out)
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
     if standing is not None and standing.name not in {t.name for t in out}:
         for i, term in enumerate(out):
             if term.mechanism.id == "presliding_hysteresis" and not term.gates:
-                turned = replace(term, shape=tuple({**dict(term.shape), "full": 0.0}.items()))
+                turned = term.with_shape(full=0.0)
                 trial = [*out[:i], turned, *out[i + 1 :], standing]
                 margin = LEAST_GAIN if _at_standstill(library.mismatch, term) > HELD else -LEAST_GAIN
                 if basis(library, noise, trial).bic < basis(library, noise, out).bic + margin:
@@ -66,8 +67,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
             for value in p.values:
                 if value == dict(out[i].shape).get(p.name, 0.0):
                     break
-                other = replace(term, shape=tuple({**dict(out[i].shape), p.name: value}.items()))
-                trial = [*out[:i], other, *out[i + 1 :]]
+                trial = [*out[:i], out[i].with_shape(**{p.name: value}), *out[i + 1 :]]
                 if basis(library, noise, trial).bic < whole + 2.0:
                     out = trial
                     break
@@ -108,22 +108,28 @@ def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequen
         return None
     mismatch = library.mismatch
     rest = [t for t in terms if t not in group]
-    none, whole = _left(mismatch, rest, terms)
+    none, whole = (cross_residual(mismatch, flat, t) ** 2 for t in (rest, terms))
     current = basis(library, flat, rest)
     found = []
     for score in shortlist_of(library.screen(current), {t.name for t in rest})[:_FEW_RIVALS]:
         term = refine(library, current, score).term
-        left = plain_error(mismatch, [*rest, term]) ** 2
-        simple = numbers([term]) <= numbers(group)
-        if simple and _nearly_all(none, left, whole) and not _misses(mismatch, flat, terms, group, term):
-            found.append((numbers([term]), left, term))
+        if numbers([term]) > numbers(group):
+            continue
+        squares = (none, cross_residual(mismatch, flat, [*rest, term]) ** 2, whole)
+        errors = [float(np.mean(x[mismatch.usable])) for x in squares]
+        if _nearly_all(*errors) and not (len(group) > 1 and _misses(mismatch, flat, terms, group, term, squares)):
+            found.append((numbers([term]), errors[1], term))
     if not found:
         return None
     fewest_numbers = min(n for n, _, _ in found)
     least = min(left for n, left, _ in found if n == fewest_numbers)
     # Of those as simple and as good the first of the catalogue.
     near = [t for n, left, t in found if n == fewest_numbers and left < AS_GOOD**2 * least]
-    return min(near, key=lambda t: next(i for i, m in enumerate(library.terms) if m.name == t.name))
+    chosen = min(near, key=lambda t: next(i for i, m in enumerate(library.terms) if m.name == t.name))
+    whole_presliding = next((t for _, _, t in found if is_whole_presliding(t)), None)
+    if chosen.name == "coulomb_friction" and whole_presliding and _turns_over_a_way(mismatch, rest, whole_presliding):
+        return whole_presliding
+    return chosen
 
 
 def _nearly_all(none: float, left: float, whole: float) -> bool:
@@ -134,16 +140,21 @@ def _nearly_all(none: float, left: float, whole: float) -> bool:
     return _lacks_little(none, left, whole, MISFIT) and whole > (1 - _WORSE) ** 2 * left
 
 
-def _misses(mismatch: Mismatch, flat: Noise, terms: Sequence[Term], group: Sequence[Term], one: Term) -> bool:
+def _misses(
+    mismatch: Mismatch,
+    flat: Noise,
+    terms: Sequence[Term],
+    group: Sequence[Term],
+    one: Term,
+    squares: tuple[Float1D, Float1D, Float1D],
+) -> bool:
     """Whether one of the laws of `group` has a place of its own, where `one` for all of them does not what they do.
+
+    squares : (n,) each, A² – of what is left on unseen folds without `group`, with `one` in its place, and with `group`
 
     Backlash is little of all that a weight does, and nearly all that is left at reversals: a constant has no form that
     others could mend. What has no name may stand for the edges of any law.
     """
-    if len(group) == 1:
-        return False
-    rest = [t for t in terms if t not in group]
-    none, left, whole = (cross_residual(mismatch, flat, t) ** 2 for t in (rest, [*rest, one], terms))
     for term, amplitudes in zip(terms, fit(mismatch, flat, terms).amplitudes, strict=True):
         alike = {term.mechanism.id, one.mechanism.id} <= _OF_TURNS
         if term not in group or term.name == "unknown" or alike:
@@ -151,9 +162,9 @@ def _misses(mismatch: Mismatch, flat: Noise, terms: Sequence[Term], group: Seque
         acts = acting(mismatch, amplitudes @ term.columns(mismatch.states))
         if not acts.any():
             continue
-        before, now, all_of_them = (float(np.mean(x[acts])) for x in (none, left, whole))
-        worse = one.mechanism.id in _STEADY[0] and all_of_them < (1 - _WORSE) ** 2 * now
-        if worse or not _lacks_little(before, now, all_of_them, _MISSED):
+        none, left, whole = (float(np.mean(x[acts])) for x in squares)
+        worse = one.mechanism.id in _STEADY[0] and whole < (1 - _WORSE) ** 2 * left
+        if worse or not _lacks_little(none, left, whole, _MISSED):
             return True
     return False
 
@@ -250,35 +261,39 @@ def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
     return terms
 
 
-def _without_whole_presliding(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
+def _without_whole_presliding(library: Library, terms: list[Term]) -> list[Term]:
     """`terms` with Coulomb's friction for a whole presliding one, where this turns over so small a way that Coulomb's,
     held at rest, does nearly all of it; and with what Coulomb's lacks of it, where that stands beside it."""
     offered = [t for t in library.terms if t.name == "coulomb_friction"]
-    if not offered:
+    at = next((i for i, t in enumerate(terms) if is_whole_presliding(t) and not t.gates), None)
+    if not offered or at is None:
         return terms
+    before, whole, after = terms[:at], terms[at], terms[at + 1 :]
     # The equation fits sgn(v) itself.
-    beside = bool(library.mismatch.base_names) or any(t.name == "coulomb_friction" and not t.gates for t in terms)
-    for i, term in enumerate(terms):
-        if term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0 and not term.gates:
-            rest = [*terms[:i], *terms[i + 1 :]]
-            if beside:  # the same sum, with all of Coulomb's friction in its name
-                return [*rest[:i], replace(term, shape=tuple({**dict(term.shape), "full": 2.0}.items())), *rest[i:]]
-            if dict(term.shape)["x_0"] > _WAY and not _turns_late(library.mismatch, rest, term):
-                continue
-            for coulomb in offered:
-                trial = [*rest[:i], coulomb, *rest[i:]]
-                if _nearly_all(*_left(library.mismatch, rest, trial, terms)):
-                    return trial
-    return terms
+    if library.mismatch.base_names or any(t.name == "coulomb_friction" and not t.gates for t in terms):
+        # The same sum, with all of Coulomb's friction in its name.
+        return [*before, whole.with_shape(full=2.0), *after]
+    rest = [*before, *after]
+    if _turns_over_a_way(library.mismatch, rest, whole):
+        return terms
+    trials = ([*before, coulomb, *after] for coulomb in offered)
+    return next((t for t in trials if _nearly_all(*_left(library.mismatch, rest, t, terms))), terms)
 
 
-def _turns_late(mismatch: Mismatch, rest: Sequence[Term], presliding: Term) -> bool:
-    """Whether Coulomb's friction that a drive's loop answers late leaves as little error as a presliding one: at one
-    feed, a time is a way."""
+def is_whole_presliding(term: Term) -> bool:
+    """Whether it is all of a friction that turns over a way, Coulomb's included."""
+    return term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0
+
+
+def _turns_over_a_way(mismatch: Mismatch, rest: Sequence[Term], presliding: Term) -> bool:
+    """Whether a friction is presliding by its own name: it turns over a long way, and Coulomb's that a drive's loop
+    answers late leaves more error; at one feed, a time is a way."""
+    if dict(presliding.shape)["x_0"] <= _WAY:
+        return False
     forms = ((f"held_{mismatch.axis}", "u"), (f"v_{mismatch.axis}", "sgn u"))
     late = [Term(Lagged(name, form, "–"), (("tau", tau),)) for name, form in forms for tau in _LATE_S]
     least = min(plain_error(mismatch, [*rest, term]) for term in late)
-    return least < AS_GOOD * plain_error(mismatch, [*rest, presliding])
+    return least >= AS_GOOD * plain_error(mismatch, [*rest, presliding])
 
 
 def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:

@@ -235,6 +235,7 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             for g in term.gates
         ],
         "amplitudes": [float(a) for a in amplitudes],
+        "lag": term.lag,
     }
 
 
@@ -247,7 +248,8 @@ def _term(data: Mapping[str, Any]) -> Term:
         )
         for g in data["gates"]
     )
-    return Term(_mechanism(data["mechanism"]), tuple(data["shape"].items()), gates, data["name"])
+    shape, lag = tuple(data["shape"].items()), float(data.get("lag", 0.0))
+    return Term(_mechanism(data["mechanism"]), shape, gates, data["name"], lag)
 
 
 def _mechanism(own: Mapping[str, Any]) -> Mechanism:

@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, plain_error
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
-from pido.diagnosis.forms import AS_GOOD, fewest, likelier, plainest, rivals_of
+from pido.diagnosis.forms import AS_GOOD, fewest, is_whole_presliding, likelier, plainest, rivals_of
 from pido.diagnosis.identify import (
     SIGNIFICANT_NAME,
     Answer,
@@ -155,8 +155,8 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
             new |= bool(term.gates)
             if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
                 term = replace(term, name=term.mechanism.id)
-            elif _is_whole_friction(term) and coulomb not in {t.name for t in terms}:
-                inner = "coulomb_friction" in inside or _is_whole_friction(part.term)
+            elif is_whole_presliding(term) and coulomb not in {t.name for t in terms}:
+                inner = "coulomb_friction" in inside or is_whole_presliding(part.term)
                 term = replace(term, name=coulomb) if inner else term
         out.append(term)
     return out
@@ -176,10 +176,6 @@ def _sensor_or_weight(
     size = float(np.abs(fit(library.mismatch, noise, terms).amplitudes[i][0]))
     constant = replace(weight.term, shape=(("by_tool", 0.0),), name=names[1])
     return [*terms[:i], sensor if size < _ZERO * weight.size else constant, *terms[i + 1 :]]
-
-
-def _is_whole_friction(term: Term) -> bool:
-    return term.mechanism.id == "presliding_hysteresis" and dict(term.shape)["full"] == 1.0
 
 
 def _of_another_quantity(term: Term, own: Term) -> bool:

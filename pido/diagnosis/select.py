@@ -90,8 +90,7 @@ def _at_rest(library: Library, current: Basis, score: Score, parameter: Paramete
         return score
     best = score
     for value in parameter.values:
-        other = {**dict(score.term.shape), parameter.name: value}
-        found = library.score(replace(score.term, shape=tuple(other.items())), current)
+        found = library.score(score.term.with_shape(**{parameter.name: value}), current)
         if found is not None and found.bic < best.bic:
             best = found
     return best
@@ -108,8 +107,7 @@ def _refine_one(library: Library, current: Basis, score: Score, parameter: Param
 
     def loss(u: float) -> float:
         nonlocal best
-        term = replace(score.term, shape=tuple({**shape, parameter.name: float(back(u))}.items()))
-        found = library.score(term, current)
+        found = library.score(score.term.with_shape(**{parameter.name: float(back(u))}), current)
         if found is None:
             return current.rss
         if found.bic < best.bic:

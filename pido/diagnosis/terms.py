@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
+from pido.physics.drive import answered_late
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +44,14 @@ class Term:
     """A mechanism, its shape parameters, its region, and the name that the diagnosis gives it.
 
     `name` differs from the mechanism's id where the simulation already contains it: 'miscalibrated:<id>'.
+    lag : s – by which the loop of the drive answers it late, first order
     """
 
     mechanism: Mechanism
     shape: tuple[tuple[str, float], ...] = ()
     gates: tuple[Gate, ...] = ()
     name: str = field(default="")
+    lag: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -65,6 +68,10 @@ class Term:
         idle = self.mechanism.idle(dict(self.shape))
         return sum(a.name in idle for a in self.mechanism.amplitudes)
 
+    def with_shape(self, **values: float) -> Term:
+        """The same term with these numbers in its shape."""
+        return replace(self, shape=tuple({**dict(self.shape), **values}.items()))
+
     def columns(self, states: Sequence[AxisState]) -> Float2D:
         """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""
         parts = [self.of_part(s) for s in states]
@@ -75,7 +82,8 @@ class Term:
         with np.errstate(over="ignore", invalid="ignore"):
             values = np.asarray(self.mechanism.regressors(state, **dict(self.shape)), float).T
         values = np.where(np.isfinite(values), values, 0.0)
-        return values * inside(state, self.gates) if self.gates else values
+        values = values * inside(state, self.gates) if self.gates else values
+        return answered_late(values, state.time, self.lag) if self.lag else values
 
 
 @dataclass(frozen=True)

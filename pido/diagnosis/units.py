@@ -38,6 +38,6 @@ def units(mechanism: Mechanism, shape: Mapping[str, float], axis: str) -> dict[s
         case "thermal_drift":
             return {"T": ("A", "A", f"A/({speed})")[choice["along"]]}
         case "current_saturation":
-            return {"s": ("–", "1/A", "1/A²", "–")[choice["form"]]}
+            return {"s": ("–", "1/A", "1/A²", "–", "1/A")[choice["form"]]}
         case _:
             return {}

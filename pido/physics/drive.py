@@ -1,4 +1,4 @@
-"""Drive train of an axis: lost motion, ripple, saturation.
+"""Drive train of an axis: lost motion, ripple, saturation, and how late its loop answers.
 
 In:  ways, positions, currents. Out: the laws, as pure functions.
 """
@@ -6,6 +6,7 @@ In:  ways, positions, currents. Out: the laws, as pure functions.
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import lfilter
 
 from pido.core.arrays import Float1D, Float2D
 
@@ -103,3 +104,25 @@ def beyond(current: Float1D, limit: float) -> Float1D:
     [-2.0, 0.0, 1.0]
     """
     return np.sign(current) * np.maximum(np.abs(current) - limit, 0.0)
+
+
+def answered_late(values: Float2D, time: Float1D, tau: float) -> Float2D:
+    """Signals behind a first order lag, drawn straight between samples; from rest in the first value after a gap.
+
+        tau * dy/dt + y = u
+
+    values : (k, n); time : (n,), s; tau : scalar > 0, s. Returns (k, n). Source: first-order hold (Franklin, Powell and
+    Workman, Digital Control of Dynamic Systems, ch. 6).
+
+    >>> answered_late(np.array([[0.0, 1.0, 1.0, 1.0]]), np.arange(4.0), 1.0).round(3).tolist()
+    [[0.0, 0.368, 0.767, 0.914]]
+    """
+    if len(time) < 2:
+        return values
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    left = float(np.exp(-step / tau))
+    share = (1 - left) * tau / step
+    pieces = np.split(values, np.flatnonzero(steps > 1.5 * step) + 1, axis=1)
+    late = [lfilter([1 - share, share - left], [1, -left], p, axis=1, zi=share * p[:, :1])[0] for p in pieces]
+    return np.concatenate(late, axis=1)

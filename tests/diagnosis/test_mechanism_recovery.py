@@ -406,6 +406,13 @@ ROWS = [
         {"s": 0.3},
         0.9,
     ),
+    (
+        "current_saturation",
+        "x",
+        lambda f: 0.3 * np.sign(simulated(f)) * np.maximum(np.abs(simulated(f)) - 0.5, 0) ** 2,
+        {"form": 4},
+        0.9,
+    ),
     ("current_saturation", "x", lambda f: 0.1 * simulated(f) * np.abs(simulated(f)), {"s": 0.1}, 0.95),
     ("current_saturation", "x", lambda f: 0.05 * simulated(f) ** 3, {}, 0.75),
     (
@@ -452,3 +459,14 @@ def test_a_mechanism_recovers_its_own_textbook_effect(fine, row, rate):
     for key, value in expected.items():
         assert found[key] == pytest.approx(value, rel=0.08 if rate == 500 else 0.12), (key, found)
     assert share > least - 0.01, (share, found)
+
+
+def test_a_machine_that_warms_up_since_before_the_first_part_keeps_its_time_constant(fine):
+    late = [replace(f, clock=f.clock + 120.0) for f in fine]
+    states = axis_states(recorded(late, 50), "x")
+    target = [sampled(0.5 * (1 - np.exp(-(f.clock + f.t) / 150.0)), 50) for f in late]
+    share, beta, shape = find(BY_ID["thermal_drift"], states, target)
+    assert share > 0.999
+    assert named(BY_ID["thermal_drift"], beta, shape) == pytest.approx(
+        {"T": 0.5, "tau": 150.0, "clock": 3.0, "along": 0.0, "rises": 1.0}, rel=0.02
+    )

@@ -79,6 +79,25 @@ def test_friction_that_turns_over_a_long_way_is_one_finding_by_that_name(way, na
     assert [t.name for t in answer.terms] == [name]
 
 
+def test_the_pieces_of_a_friction_that_turns_over_a_long_way_are_put_together_by_that_name():
+    def slips(state):  # two Maxwell elements
+        early, late = (dahl_state(state.held, state.since_reversal, state.segment, way) for way in (0.03, 0.4))
+        return 0.05 * (0.6 * early + 0.4 * late)
+
+    mismatch, noise = laid_out(slips)
+    mismatch = without_friction(mismatch)
+    pieces = [
+        Term(BY_ID["presliding_hysteresis"], (("x_0", 0.15), ("full", 0.0))),
+        Term(BY_ID["coulomb_friction"], (("rest", 0.0),)),
+        Term(BY_ID["standstill_friction"], (("rest", 0.0),)),
+    ]
+    library = Library(mismatch, [g for t in pieces for g in grid_terms(t.mechanism, mismatch.states)])
+    library.whiten(noise)
+    (term,) = fewest(library, noise, pieces)
+    assert term.name == "presliding_hysteresis"
+    assert dict(term.shape)["full"] == 1.0
+
+
 def test_a_ripple_that_a_drive_answers_late_is_no_friction_along_the_travel():
     mismatch, _ = laid_out(lambda s: 0.1 * np.sin(2 * np.pi * (s.pos - 0.03 * s.v) / 5.0))
     rng = np.random.default_rng(0)

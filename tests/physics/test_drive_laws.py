@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pido.physics.drive import best_stretch, beyond, lost_motion, periods_of, wave
+from pido.physics.drive import answered_late, best_stretch, beyond, lost_motion, periods_of, wave
 
 
 def test_lost_motion_fades_exponentially_and_its_edge_makes_it_a_rectangle():
@@ -51,3 +51,13 @@ def test_a_tight_place_is_found_where_it_is():
     value = 1.0 * ((pos > 30) & (pos < 46)) + rng.normal(0, 0.5, len(pos))
     np.testing.assert_allclose(best_stretch(pos, value, 0.0, 120.0), (30.0, 46.0), atol=4.0)
     assert best_stretch(pos, np.ones(len(pos)), 0.0, 120.0) is None
+
+
+def test_a_late_answer_follows_a_ramp_by_its_time_constant_and_begins_at_rest_after_a_gap():
+    time = np.r_[np.arange(0.0, 1.0, 0.01), np.arange(5.0, 6.0, 0.01)]
+    ramp = np.array([2.0 * time, np.full(len(time), 7.0)])
+    late = answered_late(ramp, time, 0.05)
+    since = np.where(time < 2.0, time, time - 5.0)
+    exact = ramp[0] - 2.0 * 0.05 * (1 - np.exp(-since / 0.05))
+    np.testing.assert_allclose(late[0], exact, atol=1e-9)
+    np.testing.assert_allclose(late[1], 7.0)

@@ -20,7 +20,8 @@ from pido.physics.thermal import coldness, coldness_after
 class ThermalDrift(Mechanism):
     """A load that goes to a steady value, first order.
 
-    clock : 0 every part starts cold, 1 cold at the first part only, 2 cooling in the pauses between parts
+    clock : 0 every part starts cold, 1 cold at the first part only, 2 cooling in the pauses between parts, 3 cold where
+        the machine's clock begins, which may be long before the first part
     along : 0 a constant load, 1 against the motion, 2 with the speed (oil thins as it warms)
     rises : 0 fades from cold, 1 grows towards the steady value
     """
@@ -30,7 +31,7 @@ class ThermalDrift(Mechanism):
     amplitudes = (Parameter("T", "A or A/(mm/s)"),)
     shape = (
         Parameter("tau", "s", low=10.0, high=20000.0, scale="log", points=8),
-        choice("clock", 3),
+        choice("clock", 4),
         choice("along", 3),
         choice("rises", 2),
     )
@@ -45,6 +46,8 @@ class ThermalDrift(Mechanism):
         elif round(clock) == 1:
             first = state.earlier[0][0] if state.earlier else float(state.clock[0])
             cold = coldness(state.clock - first, tau)
+        elif round(clock) == 3:
+            cold = coldness(np.maximum(state.clock, 0.0), tau)
         else:
             cold = coldness(state.time, tau, coldness_after(state.earlier, float(state.clock[0]), tau))
         level = 1.0 - cold if round(rises) == 1 else cold
@@ -53,13 +56,14 @@ class ThermalDrift(Mechanism):
 
     def equation_in(self, axis, shape):
         clock, rises = round(shape["clock"]), round(shape["rises"]) == 1
-        cold = f"{'c_0 * ' if clock > 1 else ''}exp(-t / tau)"
+        cold = f"{'c_0 * ' if clock == 2 else ''}exp(-t / tau)"
         along = ("", f" * sgn(v), {at_rest()}", " * v")[which(shape["along"], 3)]
         since = (
             "t = time since the start of each part",
             "t = time since the start of the first part",
             "t = time since the start of each part, c_0 = 1 in the first part, less after short pauses",
-        )[min(clock, 2)]
+            "t = time on the machine's clock",
+        )[which(clock, 4)]
         return f"dI = T * {f'(1 - {cold})' if rises else cold}{along}; {since}"
 
     def starts(self, states):
@@ -69,14 +73,16 @@ class ThermalDrift(Mechanism):
         timed = first is not None and last is not None and all(s.earlier is not None for s in states)
         whole = float(last[-1] - first[0]) if timed and first is not None and last is not None else longest
         clocks = (0.0,) if not timed else (0.0, 1.0, 2.0) if len(states) > 1 else (0.0, 2.0)
+        forms = [(clock, rises) for clock in clocks for rises in (0.0, 1.0)]
+        if timed and first is not None and 0.0 < float(first[0]) < 3 * whole:
+            forms.append((3.0, 1.0))  # what fades differs from clock 1 by its size only
         low, high = self.shape[0].low or 0.0, self.shape[0].high or np.inf
         taus = np.clip(np.geomspace(0.2 * longest, max(3 * whole, longest), 5), low, high)
         return tuple(
             {"tau": float(tau), "clock": clock, "along": along, "rises": rises}
             for tau in dict.fromkeys(taus.tolist())
-            for clock in clocks
+            for clock, rises in forms
             for along in (0.0, 1.0, 2.0)
-            for rises in (0.0, 1.0)
         )
 
     def around(self, name, shape, states):
@@ -92,21 +98,26 @@ class ThermalDrift(Mechanism):
 class CurrentSaturation(Mechanism):
     """A current that is no longer proportional to torque.
 
-    form : 0 what lies beyond a knee, 1 grows with the square, 2 with the cube, 3 bends towards I_k (hyperbolic tangent)
+    form : 0 what lies beyond a knee, 1 grows with the square, 2 with the cube, 3 bends towards I_k (hyperbolic
+        tangent), 4 with the square of what lies beyond a knee
     """
 
     id = "current_saturation"
-    equation = "dI = s * (|I| - I_k)+ * sgn(I), s * I * |I|, s * I^3 or s * (I - I_k * tanh(I / I_k)); I simulated"
+    equation = (
+        "dI = s * (|I| - I_k)+ * sgn(I), s * (|I| - I_k)+^2 * sgn(I), s * I * |I|, s * I^3 "
+        "or s * (I - I_k * tanh(I / I_k)); I simulated"
+    )
     amplitudes = (Parameter("s", "–, 1/A or 1/A²", low=-1.2),)
-    shape = (Parameter("I_k", "A", low=0.01, high=200.0, scale="log", points=9), choice("form", 4))
+    shape = (Parameter("I_k", "A", low=0.01, high=200.0, scale="log", points=9), choice("form", 5))
 
     def regressors(self, state, *, I_k, form):
         sim = state.sim
         if sim is None:
             return nothing(state)
-        form = which(form, 4)
-        if form == 0:
-            return column(beyond(sim, I_k))
+        form = which(form, 5)
+        if form in (0, 4):
+            excess = beyond(sim, I_k)
+            return column(excess if form == 0 else excess * np.abs(excess))
         if form == 3:
             return column(sim - I_k * np.tanh(sim / I_k))
         return column(sim * np.abs(sim) ** form)
@@ -117,7 +128,8 @@ class CurrentSaturation(Mechanism):
             "s * I * |I|",
             "s * I^3",
             "s * (I - I_k * tanh(I / I_k))",
-        )[which(shape["form"], 4)]
+            "s * (|I| - I_k)^2 * sgn(I) beyond |I| = I_k, else 0",
+        )[which(shape["form"], 5)]
         return f"dI = {form}; I = simulated current"
 
     def idle(self, shape):
@@ -133,7 +145,8 @@ class CurrentSaturation(Mechanism):
         sizes = _sizes(states)
         knees = [float(k) for k in dict.fromkeys(np.quantile(sizes, (0.5, 0.75, 0.9, 0.97, 0.995))) if k > 0]
         bends = [(k, 3.0) for k in (*knees, max(float(sizes.max()), 0.01))]
-        return tuple({"I_k": k, "form": f} for k, f in (*((k, 0.0) for k in knees), (1.0, 1.0), (1.0, 2.0), *bends))
+        beyond_knees = [(k, f) for k in knees for f in (0.0, 4.0)]
+        return tuple({"I_k": k, "form": f} for k, f in (*beyond_knees, (1.0, 1.0), (1.0, 2.0), *bends))
 
     def around(self, name, shape, states):
         form, knee = round(shape["form"]), shape["I_k"]
@@ -146,7 +159,7 @@ class CurrentSaturation(Mechanism):
         return 0 if round(shape["form"]) in (1, 2) else 1
 
     def conditions(self, axis, shape):
-        if round(shape["form"]) == 0:
+        if round(shape["form"]) in (0, 4):
             return f"{axis} axis, at high torque, beyond {shape['I_k']:.3g} A", (
                 f"|curr_{axis}_sim| > {shape['I_k']:.3g}",
             )
