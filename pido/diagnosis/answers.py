@@ -78,7 +78,7 @@ def factor_of(
     """
     if simulated is None or term.gates or len(term.mechanism.amplitudes) != 1:
         return None
-    own, amplitudes = simulated
+    own, amplitudes = simulated[0].behind(term.lag), simulated[1]
     there, missing = ((amplitudes @ own.columns(mismatch.states))[mismatch.usable], effect[mismatch.usable])
     power = float(there @ there)
     share = float(missing @ there) / power if power > 0 else 0.0

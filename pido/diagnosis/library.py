@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -50,7 +50,8 @@ class Score:
 class Library:
     """Every mechanism at every point of its shape grid, as rows of one array.
 
-    `allowed_sign` : mechanism id -> False where its amplitude may have any sign, because the simulation contains it
+    any_sign : names whose amplitude may have any sign, because the simulation contains them
+    lag : s – of the loop behind which all terms are that pass one
     """
 
     def __init__(
@@ -59,8 +60,10 @@ class Library:
         terms: Sequence[Term],
         any_sign: frozenset[str] = frozenset(),
         collinear: float = COLLINEAR,
+        lag: float = 0.0,
     ) -> None:
         self.mismatch = mismatch
+        self.lag = lag
         self.any_sign = any_sign
         self.collinear = collinear
         self.polarity = polarity(mismatch)
@@ -70,7 +73,7 @@ class Library:
         self.varies: list[bool] = []  # whether a term takes more than one value
         rows, spans, first = [], [], 0
         counted = None if mismatch.usable.all() else np.flatnonzero(mismatch.usable)
-        for term in terms:
+        for term in (t.behind(lag) for t in terms):
             columns = term.columns(mismatch.states).astype(np.float32)
             seen = columns if counted is None else columns[:, counted]
             least, most = seen.min(axis=1, initial=np.inf), seen.max(axis=1, initial=-np.inf)
@@ -111,6 +114,8 @@ class Library:
 
     def columns(self, term: Term) -> Float2D:
         """(k, n), A per unit of the amplitude; what was asked for lately is remembered."""
+        if term.lag:
+            return self.everywhere(replace(term, name=""))
         values = self.everywhere(Term(term.mechanism, term.shape))
         for gate in term.gates:
             values = values * self.inside(gate)

@@ -31,6 +31,7 @@ from pido.diagnosis.identify import (
     select_terms,
 )
 from pido.diagnosis.library import Library, basis, plausible
+from pido.diagnosis.loop import lag_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, fit, solve
@@ -77,12 +78,27 @@ def best_gain(mismatch: Mismatch, noise: Noise, offered: Sequence[Term], inside:
 
 
 def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answer:
-    """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out."""
+    """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out.
+
+    What the loop of a drive makes of a law, several that answer at once can imitate: where some of those found do
+    the same behind a lag, all is asked again behind it.
+    """
+    answer = _search(look, axes, timed, rng)
+    lag = lag_of(look.mismatch, answer.terms)
+    if lag:
+        late = _search(look, axes, timed, rng, lag)
+        if _as_good(look.mismatch, late.terms, answer.terms):
+            return late
+    return answer
+
+
+def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: float = 0.0) -> Answer:
+    """Names for one axis, behind a lag in s."""
     mismatch, noise = look.mismatch, look.noise
     answer = Answer(mismatch.axis, rejected=list(look.rejected))
     # A shift in time is common to all axes, and a limit is flat: both were decided before, and can only be rivals.
     names = [t for t in _not_timing(look.offered) if t.mechanism.id != "sensor_clipping"]
-    library = Library(mismatch, names, _any_sign(look.inside))
+    library = Library(mismatch, names, _any_sign(look.inside), lag=lag)
     terms = select_terms(library, noise)
     # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
     noise = noise_of(mismatch, noise, terms)
@@ -121,7 +137,7 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     terms = _missing(library, noise, terms, look.inside)
     if terms:
         rivals = _not_timing(look.offered) if timed else look.offered
-        library = Library(mismatch, rivals, _any_sign(look.inside))
+        library = Library(mismatch, rivals, _any_sign(look.inside), lag=lag)
     library.whiten(noise)
     answer.terms = terms
     answer.noise = noise

@@ -14,6 +14,7 @@ from pido.diagnosis.diagnose import diagnose, proved, settled
 from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library
+from pido.diagnosis.loop import answered
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.search import best_gain, first_look, search
@@ -22,6 +23,7 @@ from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.timing import find_delay
 from pido.diagnosis.whiten import Noise, estimate_noise
+from pido.physics.drive import answered_late
 from pido.physics.friction import dahl_state
 
 NOISE = 0.02
@@ -61,6 +63,33 @@ def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
     rng = np.random.default_rng(0)
     answer = search(first_look(laid_out(delayed)[0], rng), 1, False, rng)
     assert [t.name for t in answer.terms] == ["stribeck_friction"]
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        (lambda s: 0.2 * np.sign(s.v) * s.moving, "miscalibrated:coulomb_friction"),
+        (lambda s: 0.1 * s.held * ~s.moving, "standstill_friction"),
+        (lambda s: 0.2 * np.exp(-s.since_reversal / 0.05) * s.held * s.moving, "backlash"),
+        (lambda s: 0.004 * s.a, "miscalibrated:inertia"),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_a_law_that_a_drive_answers_late_is_one_finding_by_its_own_name(law, name):
+    mismatch, _ = laid_out(lambda s: answered_late(law(s)[None], s.time, 0.02)[0])
+    rng = np.random.default_rng(0)
+    (term,) = search(first_look(mismatch, rng), 1, False, rng).terms
+    assert term.name == name
+    late = answered(mismatch, even(mismatch), [term])
+    assert late[0].lag == pytest.approx(0.02, rel=0.1)
+
+
+def test_friction_that_is_held_at_once_and_answered_late_is_one_finding():
+    mismatch, _ = laid_out(lambda s: answered_late(0.2 * s.held[None] + 0.02 * s.v, s.time, 0.04)[0])
+    rng = np.random.default_rng(0)
+    answer = search(first_look(without_friction(mismatch), rng), 1, False, rng)
+    assert {t.name for t in answer.terms} == {"coulomb_friction", "viscous_friction"}
+    assert all(t.lag == pytest.approx(0.04, rel=0.1) for t in answer.terms)
 
 
 def without_friction(mismatch: Mismatch) -> Mismatch:

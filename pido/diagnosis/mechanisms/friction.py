@@ -18,7 +18,7 @@ from pido.diagnosis.state import AxisState
 from pido.physics.drive import best_stretch, periods_of, wave
 from pido.physics.friction import dahl_state, stribeck_curve
 
-_TURNS_MM = (0.003, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
+_TURNS_MM = (0.0, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
 # What turns over the longest of them, in motion, is presliding by its own name.
 _REST = choice("rest", len(_TURNS_MM))
 _SHORTEST = 2.0  # mm, of a wave of friction along the travel: half the lead of a fine screw
@@ -32,7 +32,8 @@ def direction(state: AxisState, rest: float = 0.0) -> Float1D:
     1968). An axis that stands is moved by micrometres all the time, and those do not turn it.
     """
     if round(rest):
-        return dahl_state(state.held, state.since_reversal, state.segment, _TURNS_MM[round(rest) - 1])
+        way = _TURNS_MM[round(rest) - 1]
+        return dahl_state(state.held, state.since_reversal, state.segment, way) if way else state.held
     return state.held * state.moving
 
 
@@ -42,7 +43,8 @@ def at_rest(rest: float = 0.0) -> str:
 
 
 def _turning(rest: float) -> str:
-    return f"turning over {_TURNS_MM[round(rest) - 1]:g} mm after reversals"
+    way = _TURNS_MM[round(rest) - 1]
+    return f"turning over {way:g} mm after reversals" if way else "turning at once"
 
 
 def moves(states: Sequence[AxisState]) -> str | None:
