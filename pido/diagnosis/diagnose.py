@@ -30,6 +30,7 @@ from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_findin
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
 from pido.diagnosis.flexible import flexible_rest
+from pido.diagnosis.forms import AS_GOOD
 from pido.diagnosis.identify import Answer, noise_of
 from pido.diagnosis.locate import score
 from pido.diagnosis.loop import answered
@@ -111,15 +112,25 @@ def _diagnose(
         {a: k.noise for a, k in looks.items()},
         {a: k.best_gain for a, k in looks.items()},
     )
-    for last in (False, True):
-        if delay is not None:
-            findings.append(timing_finding(delay, {a: k.mismatch for a, k in looks.items()}))
-            looks = each(_look_without, {a: (k.mismatch, delay) for a, k in looks.items()}, 0, "in time again:")
-        answers = each(search, {a: (k, len(axes), delay is not None) for a, k in looks.items()}, 0, "")
-        # A small shift shows only when what is larger is out.
-        if last or delay is not None or (delay := _delay_beside(looks, answers)) is None:
-            break
+
+    def searched(delay: Delay | None) -> tuple[dict[str, Look], dict[str, Answer]]:
+        if delay is None:
+            now = looks
+        else:
+            now = each(_look_without, {a: (k.mismatch, delay) for a, k in looks.items()}, 0, "in time again:")
+        return now, each(search, {a: (k, len(axes), delay is not None) for a, k in now.items()}, 0, "")
+
+    shifted, answers = searched(delay)
+    # A small shift shows only when what is larger is out.
+    beside = _delay_beside(looks, answers) if delay is None else None
+    if beside is not None:
+        again = searched(beside)
+        if _no_worse(again, (looks, answers)):
+            delay, (shifted, answers) = beside, again
+    if delay is not None:
+        findings.append(timing_finding(delay, {a: k.mismatch for a, k in looks.items()}))
     looks.clear()
+    shifted.clear()
     proved = each(_prove, {a: (parts, answers[a], machine, limits[a], delay) for a in axes}, len(axes), "proof of")
     for axis, work in proved.items():
         findings += work.findings
@@ -230,6 +241,17 @@ def _prove(
 
 def _without_delay(mismatch: Mismatch, delay: Delay) -> Mismatch:
     return mismatch if mismatch.sim is None or mismatch.base_names else shift_target(mismatch, delay)
+
+
+def _no_worse(
+    again: tuple[Mapping[str, Look], Mapping[str, Answer]], former: tuple[Mapping[str, Look], Mapping[str, Answer]]
+) -> bool:
+    """Whether what was found in time again leaves no more error on any axis than what was found before."""
+    now, then = (
+        {axis: plain_error(look.mismatch, answers[axis].terms) for axis, look in looks.items()}
+        for looks, answers in (again, former)
+    )
+    return all(now[axis] < AS_GOOD * then[axis] for axis in then)
 
 
 def _delay_beside(looks: Mapping[str, Look], answers: Mapping[str, Answer]) -> Delay | None:

@@ -234,6 +234,11 @@ def _without_mean(library: Library, term: Term) -> Term | None:
     return replace(term, shape=tuple({**shape, "form": shape["form"] + 3.0}.items()))
 
 
+def is_without_mean(term: Term) -> bool:
+    """Whether it is what changes of a friction along the travel, beside the steady one."""
+    return term.mechanism.id == "position_dependent_friction" and dict(term.shape)["form"] >= 3
+
+
 # What a drift is where it does not drift, in the order of its choice `along`.
 _STEADY = (
     ("gravity_load", "sensor_offset"),

@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, plain_error
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
-from pido.diagnosis.forms import AS_GOOD, fewest, is_whole_presliding, likelier, plainest, rivals_of
+from pido.diagnosis.forms import AS_GOOD, fewest, is_whole_presliding, is_without_mean, likelier, plainest, rivals_of
 from pido.diagnosis.identify import (
     SIGNIFICANT_NAME,
     Answer,
@@ -228,7 +228,9 @@ def _renamed(
 ) -> list[Term]:
     """`other`, which say the same in better names, where all stand up, or those that leave hardly more error."""
     kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT_NAME)
-    holds = kept != terms and (len(kept) == len(other) or _as_good(library.mismatch, kept, terms))
+    # Friction is steady before it is uneven, and stays so where what changes along the travel does not stand alone.
+    stand = bool(kept) and all(is_without_mean(t) for t in other if t not in kept)
+    holds = kept != terms and (stand or _as_good(library.mismatch, kept, terms))
     if [t.name for t in kept] == [t.name for t in terms]:
         holds = holds and plain_error(library.mismatch, kept) <= plain_error(library.mismatch, terms)
     return _taken(answer, trial, kept) if holds else terms
