@@ -125,7 +125,7 @@ def _diagnose(
     beside = _delay_beside(looks, answers) if delay is None else None
     if beside is not None:
         again = searched(beside)
-        if _no_worse(again, (looks, answers)):
+        if no_worse(again, (looks, answers)):
             delay, (shifted, answers) = beside, again
     if delay is not None:
         findings.append(timing_finding(delay, {a: k.mismatch for a, k in looks.items()}))
@@ -243,7 +243,7 @@ def _without_delay(mismatch: Mismatch, delay: Delay) -> Mismatch:
     return mismatch if mismatch.sim is None or mismatch.base_names else shift_target(mismatch, delay)
 
 
-def _no_worse(
+def no_worse(
     again: tuple[Mapping[str, Look], Mapping[str, Answer]], former: tuple[Mapping[str, Look], Mapping[str, Answer]]
 ) -> bool:
     """Whether what was found in time again leaves no more error on any axis than what was found before."""

@@ -1,6 +1,7 @@
 """One effect gets one name: what mends the form of a finding, or takes another one back, is no finding of its own."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.contained import contained
-from pido.diagnosis.diagnose import diagnose, proved, settled
+from pido.diagnosis.diagnose import diagnose, no_worse, proved, settled
 from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library
@@ -211,6 +212,15 @@ def test_friction_that_varies_little_along_the_travel_is_steady_first_and_what_v
     names, (steady,) = along_the_travel(0.35)
     assert names == ["coulomb_friction", "position_dependent_friction"]
     assert steady == pytest.approx(0.3, rel=0.05)
+
+
+def test_a_shift_in_time_behind_which_the_names_leave_more_error_is_not_taken():
+    mismatch, _ = laid_out(lambda s: 0.3 * np.sign(s.v) * s.moving)
+    look, friction = SimpleNamespace(mismatch=mismatch), Term(BY_ID["coulomb_friction"], (("rest", 0.0),))
+    named, nothing = (({"x": look}, {"x": SimpleNamespace(terms=t)}) for t in ([friction], []))
+    assert no_worse(named, nothing)
+    assert no_worse(named, named)
+    assert not no_worse(nothing, named)
 
 
 def test_friction_that_varies_as_much_as_it_is_is_one_finding():
