@@ -35,7 +35,7 @@ def answered(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Te
     """
     if any(t.lag for t in terms) or not any(_passes(t) for t in terms):
         return list(terms)
-    late = _late(mismatch, noise, terms)
+    late = settle_shapes(mismatch, noise, _behind_one(mismatch, noise, terms)[1])
     gain = fit(mismatch, noise, terms).bic - fit(mismatch, noise, late).bic - np.log(mismatch.n)
     return late if gain > LEAST_GAIN and less_error(mismatch, late, terms, _LESS) else list(terms)
 
@@ -49,8 +49,8 @@ def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
     chosen = [t for t in terms if t.mechanism.kind == "data_fault" or t.name == "external_force"]
     left = [t for t in terms if _passes(t)]
     while left:
-        trials = [_late(mismatch, noise, [*chosen, form]) for t in left for form in _at_rest(t)]
-        chosen = min(trials, key=lambda t: fit(mismatch, noise, t).rss)
+        trials = [_behind_one(mismatch, noise, [*chosen, form]) for t in left for form in _at_rest(t)]
+        chosen = settle_shapes(mismatch, noise, min(trials, key=lambda trial: trial[0])[1])
         left = [t for t in left if t.name != chosen[-1].name]
         if plain_error(mismatch, chosen) < AS_GOOD * error:
             at_once = settle_shapes(mismatch, noise, [t.behind(0.0) for t in chosen])
@@ -67,9 +67,9 @@ def _passes(term: Term) -> bool:
     return term.behind(1.0) != term.behind(0.0)
 
 
-def _late(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """`terms` behind the lag that fits best, their shapes settled with it."""
+def _behind_one(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[float, list[Term]]:
+    """`terms` behind the lag that fits best with their shapes as they are, and the sum of squares that is left."""
     step = float(np.median(np.diff(mismatch.states[0].time)))
     taus = np.geomspace(_SHORTEST * step, max(_LONGEST_S, _FEWEST_STEPS * step), _TIMES)
     trials = [[t.behind(float(tau)) for t in terms] for tau in taus]
-    return settle_shapes(mismatch, noise, min(trials, key=lambda t: fit(mismatch, noise, t).rss))
+    return min(((fit(mismatch, noise, t).rss, t) for t in trials), key=lambda trial: trial[0])
