@@ -24,7 +24,7 @@ demo: $(READY)
 	$(BIN)/python -m flows.demo $(if $(DATA),--data $(DATA),)
 
 test: $(READY)
-	$(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow

@@ -48,6 +48,7 @@ log = logging.getLogger(__name__)
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
 Result = TypeVar("Result")
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
+_LEAST_REST = 0.05  # of what all terms take away: what has no name and less of it is a named law's form
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
@@ -352,6 +353,9 @@ def proved(
         idle = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         reason = "the error on unseen parts is hardly smaller with it"
         if not idle:
+            idle = _rests(full, noise, kept, proofs, recorded)
+            reason = "it has no name, and is no more than what the form of a named law may lack"
+        if not idle:
             found = estimate(full, noise, kept, rng, other)
             idle = [i for i, t in enumerate(kept) if _may_be_nothing(t, found.parameters[i])]
             reason = "the 95 % interval of its size holds zero"
@@ -360,9 +364,22 @@ def proved(
                 return kept, proofs, found
         i = max(idle, key=lambda k: proofs[k].rmse_after - proofs[k].rmse_before)
         answer.rejected.append(Rejected(full.axis, kept[i].name, reason))
-        kept = without(kept, i)
+        kept = settle_shapes(full, noise, without(kept, i))  # beside it they were others
         for each in (answer.p_values, answer.q_values, answer.delta_bic, answer.rivals):
             del each[i]
+
+
+def _rests(
+    full: Mismatch, noise: Noise, kept: Sequence[Term], proofs: Sequence[HeldOut], recorded: Float1D
+) -> list[int]:
+    """Places of terms without a name that take away hardly anything beside all that the laws with one do."""
+    named = [t for t in kept if t.name != "unknown"]
+    if not named or len(named) == len(kept):
+        return []
+    of_all = held_out(full, noise, kept, [], recorded)
+    gains = [p.rmse_before**2 - p.rmse_after**2 for p in proofs]
+    least = _LEAST_REST * (of_all.rmse_before**2 - of_all.rmse_after**2)
+    return [i for i, t in enumerate(kept) if t.name == "unknown" and gains[i] < least]
 
 
 def _may_be_nothing(term: Term, parameters: Mapping[str, Estimate]) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, cast
 
 import numpy as np
@@ -66,8 +67,8 @@ class Ringing(Unnamed):
         if dt <= 0 or shape["f"] * dt > 0.5:
             return np.zeros((len(u), 2))
         w, zeta = 2 * np.pi * shape["f"], shape["zeta"]
-        below = [1.0, 2 * zeta * w, w * w]
-        return np.column_stack([_filtered(above, below, u, dt) for above in ([-1.0, -2 * zeta * w, 0.0], [w, 0.0])])
+        below = (1.0, 2 * zeta * w, w * w)
+        return np.column_stack([_filtered(above, below, u, dt) for above in ((-1.0, -2 * zeta * w, 0.0), (w, 0.0))])
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"ringing at {shape['f']:.3g} Hz after changes of {self.signal}", ()
@@ -157,7 +158,7 @@ def _late(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple
 
 def _answers(mismatch: Mismatch, residual: Float1D, drive: Float1D) -> list[float]:
     """Hz – where the residual's power that is coherent with `drive` has its highest peaks."""
-    rate = 1.0 / _step(mismatch.states[0])
+    rate = 1.0 / mismatch.step
     shortest = min(len(s.time) for s in mismatch.states)
     length = int(min(shortest, _WINDOW_S * rate))
     if length < 64:
@@ -179,10 +180,16 @@ def _step(state: AxisState) -> float:
     return float(np.median(np.diff(state.time))) if len(state.time) > 1 else 0.0
 
 
-def _filtered(above: Sequence[float], below: Sequence[float], u: Float1D, dt: float) -> Float1D:
-    """The answer of a linear system to a sampled signal, drawn straight between samples."""
+def _filtered(above: tuple[float, ...], below: tuple[float, ...], u: Float1D, dt: float) -> Float1D:
+    """The answer of a linear system to a sampled signal."""
+    return np.asarray(dsp.lfilter(*_sampled(above, below, dt), u))
+
+
+@lru_cache(maxsize=64)
+def _sampled(above: tuple[float, ...], below: tuple[float, ...], dt: float) -> tuple[Float1D, Float1D]:
+    """Coefficients of a linear system whose input is drawn straight between samples; every part has the same."""
     # scipy's answer has a type of its own for every sort of system.
     numerator, denominator, _ = cast(
         "tuple[Float2D, Float1D, float]", dsp.cont2discrete((above, below), dt, method="foh")
     )
-    return np.asarray(dsp.lfilter(np.ravel(numerator), denominator, u))
+    return np.ravel(numerator), denominator

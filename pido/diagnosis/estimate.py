@@ -38,17 +38,18 @@ class Estimated:
 def settle_shapes(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:
     """All shapes moved together to the least sum of squares on every row, inside their ranges."""
     terms = list(terms)
-    best = fit(mismatch, noise, terms)
+    columns = [t.columns(mismatch.states) for t in terms]
+    best = fit(mismatch, noise, terms, columns)
     for _ in range(_STEPS):
-        moves = _gauss_newton(mismatch, noise, terms, best)
-        improved = False
-        for share in (1.0, 0.3):
+        moves = _gauss_newton(mismatch, noise, terms, columns, best)
+        for share in (1.0, 0.3) if any(moves) else ():
             trial = [_moved(mismatch, t, m, share) for t, m in zip(terms, moves, strict=True)]
-            found = fit(mismatch, noise, trial)
+            tried = [t.columns(mismatch.states) for t in trial]
+            found = fit(mismatch, noise, trial, tried)
             if found.rss < best.rss * (1 - 1e-6):
-                terms, best, improved = trial, found, True
+                terms, columns, best = trial, tried, found
                 break
-        if not improved:
+        else:
             break
     return terms
 
@@ -61,11 +62,10 @@ def estimate(
     other : weights under which the same would come out were the model exact; where it does not, the form of a term is
         not the machine's, and the interval is wide enough for both (in the spirit of Hausman 1978)
     """
-    joint = fit(mismatch, noise, terms)
     columns = [t.columns(mismatch.states) for t in terms]
-    slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
-    late = _lag_slope(mismatch, terms, joint.amplitudes)
-    design = np.concatenate([mismatch.base, *columns, *[s for group in slopes for s in group.values()], late])
+    joint = fit(mismatch, noise, terms, columns)
+    slopes, of_lag = _around_it(mismatch, terms, joint)
+    design = np.concatenate([mismatch.base, *columns, *[s for group in slopes for s in group.values()], of_lag])
     model = Whitened(noise.whiten(design), noise.whiten(mismatch.target[None])[0], ())
     beta, _ = solve(model.X, model.y)
     half = list(half_widths(model, mismatch, rng))
@@ -78,7 +78,6 @@ def estimate(
     ]
     out: list[dict[str, Estimate]] = []
     at, slope_at = len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns)
-    lags = len(mismatch.base) + sum(len(c) for c in columns) + sum(len(group) for group in slopes)
     for term, amplitudes, group in zip(terms, joint.amplitudes, slopes, strict=True):
         names = amplitude_names(term, len(amplitudes))
         found = {}
@@ -95,7 +94,7 @@ def estimate(
             else:
                 found[p.name] = Estimate(value, p.unit, (value, value))
         if term.lag:
-            found[LAG] = Estimate(term.lag, "s", _around(term.lag, half[lags], log=True))
+            found[LAG] = Estimate(term.lag, "s", _around(term.lag, half[-1], log=True))
         out.append(found)
     return Estimated(joint, tuple(out))
 
@@ -157,16 +156,23 @@ def _lag_slope(mismatch: Mismatch, terms: Sequence[Term], amplitudes: Sequence[F
     return slope if any_late else slope[:0]
 
 
-def _gauss_newton(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], joint: Fit) -> list[dict[str, float]]:
-    columns = [t.columns(mismatch.states) for t in terms]
+def _around_it(mismatch: Mismatch, terms: Sequence[Term], joint: Fit) -> tuple[list[dict[str, Float2D]], Float2D]:
+    """Derivatives of the effects by their shapes, per term, and of all by the lag that they share: what a linear model
+    has beside its amplitudes."""
     slopes = [_slopes(mismatch, t, a) for t, a in zip(terms, joint.amplitudes, strict=True)]
-    late = _lag_slope(mismatch, terms, joint.amplitudes)
-    extra = [*(s for group in slopes for s in group.values()), *([late] if len(late) else [])]
-    if not extra:
+    return slopes, _lag_slope(mismatch, terms, joint.amplitudes)
+
+
+def _gauss_newton(
+    mismatch: Mismatch, noise: Noise, terms: Sequence[Term], columns: Sequence[Float2D], joint: Fit
+) -> list[dict[str, float]]:
+    slopes, of_lag = _around_it(mismatch, terms, joint)
+    extra = [s for group in slopes for s in group.values()]
+    if not extra and not len(of_lag):
         return [{} for _ in terms]
-    design = noise.whiten(np.concatenate([mismatch.base, *columns, *extra]))
+    design = noise.whiten(np.concatenate([mismatch.base, *columns, *extra, of_lag]))
     beta, _ = solve(design, noise.whiten(mismatch.target[None])[0])
-    moves, at = [], len(design) - len(extra)
+    moves, at = [], len(design) - len(extra) - len(of_lag)
     for term, group in zip(terms, slopes, strict=True):
         moves.append({name: float(beta[at + i]) for i, name in enumerate(group)})
         if term.lag:

@@ -88,12 +88,11 @@ def find_rhythms(mismatch: Mismatch, noise: Noise, residual: Float1D, most: int 
     bounds = list(zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True))
     longest = max(j - i for i, j in bounds)
     size = 2 * int(2 ** np.ceil(np.log2(longest)))
-    step = float(np.median(np.diff(mismatch.states[0].time)))
     gain = np.zeros(size // 2 + 1)
     for i, j in bounds:
         gain += 2 * np.abs(np.fft.rfft(residual[i:j], size)) ** 2 / max(1, j - i)
-    frequency = np.fft.rfftfreq(size, step)
-    gain[frequency * step * longest < 3] = 0.0  # fewer than three waves are a drift
+    frequency = np.fft.rfftfreq(size, mismatch.step)
+    gain[frequency * mismatch.step * longest < 3] = 0.0  # fewer than three waves are a drift
     # Sum of chi-squares with two degrees of freedom per part; the largest of many frequencies.
     least = chi2.isf(1e-4 / len(gain), 2 * len(bounds))
     found: list[tuple[Rhythm, float]] = []

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.diagnosis.confirm import even, less_error, plain_error
+from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.forms import AS_GOOD
 from pido.diagnosis.identify import LEAST_GAIN
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Term, behind, fit
 from pido.diagnosis.whiten import Noise
 
 _SHORTEST = 0.25  # steps: what is shorter is not seen
@@ -43,7 +44,7 @@ def answered(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Te
 def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
     """s – behind which some of `terms` alone leave no more error than all of them do at once; 0 where none is needed.
 
-    What has no name may have stood for the lag, and is not asked.
+    What has no name may have stood for the lag, and is not asked; where it answers late itself, that is the lag.
     """
     noise, error = even(mismatch), plain_error(mismatch, terms)
     chosen = [t for t in terms if t.mechanism.kind == "data_fault" or t.name == "external_force"]
@@ -53,9 +54,13 @@ def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
         chosen = settle_shapes(mismatch, noise, min(trials, key=lambda trial: trial[0])[1])
         left = [t for t in left if t.name != chosen[-1].name]
         if plain_error(mismatch, chosen) < AS_GOOD * error:
+            lag = max(t.lag for t in chosen)
+            if lag < _SHORTEST * mismatch.step:
+                return 0.0
             at_once = settle_shapes(mismatch, noise, [t.behind(0.0) for t in chosen])
-            return max(t.lag for t in chosen) if less_error(mismatch, chosen, at_once, _CLEARLY_LESS) else 0.0
-    return 0.0
+            return lag if less_error(mismatch, chosen, at_once, _CLEARLY_LESS) else 0.0
+    late = [dict(t.shape)["tau"] for t in terms if isinstance(t.mechanism, Lagged)]
+    return max((tau for tau in late if _SHORTEST * mismatch.step < tau < _LONGEST_S), default=0.0)
 
 
 def _at_rest(term: Term) -> list[Term]:
@@ -69,7 +74,13 @@ def _passes(term: Term) -> bool:
 
 def _behind_one(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[float, list[Term]]:
     """`terms` behind the lag that fits best with their shapes as they are, and the sum of squares that is left."""
-    step = float(np.median(np.diff(mismatch.states[0].time)))
-    taus = np.geomspace(_SHORTEST * step, max(_LONGEST_S, _FEWEST_STEPS * step), _TIMES)
-    trials = [[t.behind(float(tau)) for t in terms] for tau in taus]
-    return min(((fit(mismatch, noise, t).rss, t) for t in trials), key=lambda trial: trial[0])
+    taus = np.geomspace(_SHORTEST * mismatch.step, max(_LONGEST_S, _FEWEST_STEPS * mismatch.step), _TIMES)
+    late = [_passes(t) for t in terms]
+    at_once = [t.behind(0.0).columns(mismatch.states) for t in terms]
+
+    def left(tau: float) -> float:
+        columns = [behind(c, mismatch.states, tau) if is_late else c for c, is_late in zip(at_once, late, strict=True)]
+        return fit(mismatch, noise, terms, columns).rss
+
+    rss, tau = min((left(float(tau)), float(tau)) for tau in taus)
+    return rss, [t.behind(tau) for t in terms]

@@ -73,6 +73,11 @@ class Mismatch:
         return tuple(s.part for s in self.states)
 
     @property
+    def step(self) -> float:
+        """s – between two rows of a part."""
+        return float(np.median(np.diff(self.states[0].time)))
+
+    @property
     def edges(self) -> Int1D:
         """(p + 1,) – first row of each part, and n."""
         return np.r_[0, np.cumsum([len(s.time) for s in self.states])]

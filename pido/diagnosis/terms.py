@@ -79,8 +79,7 @@ class Term:
 
     def columns(self, states: Sequence[AxisState]) -> Float2D:
         """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""
-        parts = [self.of_part(s) for s in states]
-        return np.concatenate(parts, axis=1)
+        return np.concatenate([self.of_part(s) for s in states], axis=1)
 
     def of_part(self, state: AxisState) -> Float2D:
         """(k, n) of one part."""
@@ -113,6 +112,13 @@ class Fit:
     @property
     def modelled(self) -> int:
         return len(self.terms)
+
+
+def behind(columns: Float2D, states: Sequence[AxisState], lag: float) -> Float2D:
+    """(k, n) – columns of what answers at once, behind a lag in s; parts one after another."""
+    edges = np.cumsum([len(s.time) for s in states])[:-1]
+    parts = zip(np.split(columns, edges, axis=1), states, strict=True)
+    return np.concatenate([answered_late(values, state.time, lag) for values, state in parts], axis=1)
 
 
 def gate_variable(state: AxisState, variable: str) -> Float1D | None:

@@ -73,6 +73,7 @@ def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
         (lambda s: 0.1 * s.held * ~s.moving, "standstill_friction"),
         (lambda s: 0.2 * np.exp(-s.since_reversal / 0.05) * s.held * s.moving, "backlash"),
         (lambda s: 0.004 * s.a, "miscalibrated:inertia"),
+        (lambda s: 0.015 * np.abs(s.v), "friction_asymmetry"),  # asked at once, a law without a name that is late
     ],
     ids=lambda v: v if isinstance(v, str) else "",
 )
@@ -435,6 +436,21 @@ def test_a_law_that_could_as_well_have_the_other_sign_is_no_finding():
     terms, _, _ = proved(mismatch, (even(mismatch), quick), [law], answer, rows, rng)
     assert terms == []
     assert [r.reason for r in answer.rejected] == ["the 95 % interval of its size holds zero"]
+
+
+@pytest.mark.parametrize(("share", "stays"), [(0.1, False), (0.5, True)])
+def test_what_has_no_name_stays_beside_a_law_only_where_it_is_more_than_its_form_may_lack(share, stays):
+    law, rest = Term(BY_ID["viscous_friction"]), Term(BY_ID["inertia"], name="unknown")
+    rng = np.random.default_rng(5)
+    states = axis_states(list(recordings()), "x")
+    rows, other = law.columns(states)[0], rest.columns(states)[0]
+    rows = 0.02 * (rows + share * np.std(rows) / np.std(other) * other) + rng.normal(0, 0.1 * NOISE, len(rows))
+    mismatch = lay_out(states, np.split(rows, len(states)))
+    flat = even(mismatch)
+    answer = Answer("x", [law, rest], [1e-9] * 2, [1e-8] * 2, [500.0] * 2, [[], []])
+    terms, _, _ = proved(mismatch, (flat, flat), [law, rest], answer, rows, rng)
+    assert terms == ([law, rest] if stays else [law])
+    assert ["it has no name" in r.reason for r in answer.rejected] == ([] if stays else [True])
 
 
 def test_a_shape_that_quick_rows_move_away_from_the_rest_is_settled_by_all_of_them(monkeypatch):
