@@ -49,7 +49,7 @@ def bends(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[f
     root = np.sqrt(few.weights)
     out = []
     for name, (values, _) in known.items():
-        if name.startswith(("held", "coolant", "uptime", "I_")):
+        if name.startswith(("held", "speeding", "braking", "coolant", "uptime", "I_")):
             continue
         bend = Bend(name, (float(values.min()), float(values.max())))
         Q, _ = np.linalg.qr(_powers(values, bend.seen) * root[:, None])

@@ -20,6 +20,7 @@ from pido.diagnosis.signals import common_signals, signals
 from pido.diagnosis.state import AxisState
 
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
+_SIDES = ((False, False), (True, False), (False, True))  # of a peak: on one side of zero, even, odd
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
 
 
@@ -82,18 +83,25 @@ LEVEL = Formula((), "–")
 
 @dataclass(frozen=True)
 class Peak(Unnamed):
-    """A current that is there only around one value of one quantity, as a resonance is."""
+    """A current that is there only around one value of one quantity, as a resonance is.
+
+    even : the same on both sides of zero; odd : on both sides, and turning with the sign, as a drag does
+    """
 
     signal: str
     unit: str
-    even: bool  # the same on both sides of zero
+    even: bool
+    odd: bool = False
 
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "A"),)
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        u = f"|{self.signal}|" if self.even else self.signal
-        return f"dI = k * exp(-(({u} - c) / w)^2)"
+        return f"dI = k * exp(-(({self._written} - c) / w)^2)" + f" * sgn({self.signal})" * self.odd
+
+    @property
+    def _written(self) -> str:
+        return f"|{self.signal}|" if self.even or self.odd else self.signal
 
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -101,7 +109,16 @@ class Peak(Unnamed):
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = signals(state, [self.signal])[self.signal][0]
-        return np.exp(-((((np.abs(u) if self.even else u) - shape["c"]) / shape["w"]) ** 2))[:, None]
+        size = np.exp(-(((self.place(u) - shape["c"]) / shape["w"]) ** 2))
+        return (size * self.side(u))[:, None]
+
+    def place(self, u: Float1D) -> Float1D:
+        """(n,) – where values of the signal lie beside its peak."""
+        return np.abs(u) if self.even or self.odd else u
+
+    def side(self, u: Float1D) -> Float1D:
+        """(n,) – the sign that the peak has there."""
+        return np.sign(u) if self.odd else np.ones(len(u))
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         c, w = shape["c"], shape["w"]
@@ -112,7 +129,7 @@ class Peak(Unnamed):
         return {"c": shape["c"] + float(by[0]) * shape["w"], "w": shape["w"] * float(np.exp(np.clip(by[1], -3, 3)))}
 
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
-        u = f"|{self.signal}|" if self.even else self.signal
+        u = self._written
         low, high = shape["c"] - 1.2 * shape["w"], shape["c"] + 1.2 * shape["w"]
         return f"around {u} = {shape['c']:.3g} {self.unit}", (f"{u} > {low:.3g}", f"{u} < {high:.3g}")
 
@@ -190,17 +207,18 @@ def peaks(known: Mapping[str, tuple[Float1D, str]], centres: int = 24) -> list[t
     """Peaks around values that the quantities really take, in widths from a fiftieth to a quarter of their range."""
     out = []
     for name, (values, unit) in known.items():
-        if name.startswith(("held", "coolant", "uptime", "I_")):
+        if name.startswith(("held", "speeding", "braking", "coolant", "uptime", "I_")):
             continue
-        for even in (False, True) if values.min() < 0 < values.max() else (False,):
-            u = np.abs(values) if even else values
+        both = values.min() < 0 < values.max()
+        for peak in [Peak(name, unit, even, odd) for even, odd in _SIDES[: 3 if both else 1]]:
+            u = peak.place(values)
             low, high = np.quantile(u, [0.01, 0.99])
             if high <= low:
                 continue
             at = np.unique(np.r_[np.quantile(u, np.linspace(0.02, 0.98, centres)), np.linspace(low, high, centres)])
             at = at[np.r_[True, np.diff(at) > 0.005 * (high - low)]]
             for w in (0.006, 0.02, 0.06, 0.2):
-                out += [(Peak(name, unit, even), {"c": float(c), "w": float(w * (high - low))}) for c in at]
+                out += [(peak, {"c": float(c), "w": float(w * (high - low))}) for c in at]
     return out
 
 

@@ -20,6 +20,8 @@ _LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut
 def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
     """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`.
 
+    speeding, braking : 1 while the drive puts energy into the motion, while it takes it out; else 0
+
     Raises DiagnosisError where one of `names` is not known.
     """
     spindle = state.axis == "sp"
@@ -31,6 +33,8 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"pos_{a}": (None if spindle else state.pos, length),
         **{f"pos_{axis}": (place, "mm") for axis, place in state.places.items() if axis != a},
         f"held_{a}": (state.held, "–"),
+        f"speeding_{a}": ((state.v * state.a > 0).astype(float), "–"),
+        f"braking_{a}": ((state.v * state.a < 0).astype(float), "–"),
         f"d_{a}": (state.since_reversal, length),
         f"I_{a}": (state.sim, "A"),
         **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},

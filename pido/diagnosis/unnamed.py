@@ -66,23 +66,25 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
     """`terms`, or what remains of them beside one `unknown`; and a sentence about what is left over."""
     mismatch = library.mismatch
     nothing = basis(library, noise, [])
-    best_terms, best = terms, basis(library, noise, terms)
+    best_terms, best = terms, _charged(library, noise, terms)
     for start in (terms, []) if terms else (terms,):
         for found in _best(library, noise, start):
             trial = _needed(library, noise, start, found.term)
-            tried = basis(library, noise, trial)
+            tried = _charged(library, noise, trial)
             share = _share_asked(found.term, beside=len(trial) > max(1, len(terms)))
             margin = _CLEARLY + min(share, _SEPARATE_SHARE) * max(nothing.bic - best.bic, 0.0)
             more = best.rss - tried.rss > share * max(nothing.rss - best.rss, 0.0)
             if len(trial) < len(best_terms) and numbers(trial) < numbers(best_terms):
                 # A name comes first because a law of the textbook is likely; that several act at once is not.
                 margin, more = 0.0, True
-            likelier = tried.bic + _CHARGE < best.bic - margin and more
+            likelier = tried.bic < best.bic - margin and more
             # A form that is smooth where a sign is sharp fits the transients of a filtered current better than the law
             # itself: the plain error has to be smaller as well, and not only the quick part of it.
-            plainly = likelier and _less_error(mismatch, trial, best_terms)
+            plainly = likelier and (
+                _less_error(mismatch, trial, best_terms) or _says_the_rest_too(mismatch, trial, best_terms)
+            )
             if plainly or _says_it_all(mismatch, trial, best_terms):
-                best_terms, best = trial, replace(tried, searched=tried.searched + _CHARGE)
+                best_terms, best = trial, tried
     whole = curve_over_current(mismatch) if len(best_terms) >= _MANY else None
     if whole is not None and _says_it_all(mismatch, [Term(whole)], best_terms):
         best_terms = [Term(whole)]
@@ -99,6 +101,12 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
     return best_terms, None
 
 
+def _charged(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
+    """`terms`, with what was looked at for every one of them that has no name."""
+    whole = basis(library, noise, terms)
+    return replace(whole, searched=whole.searched + _CHARGE * sum(t.name == "unknown" for t in terms))
+
+
 def _less_error(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether `trial` leaves clearly less error on unseen folds than `terms`.
 
@@ -112,6 +120,12 @@ def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) 
     """Whether at least two terms fewer, with no more numbers, leave less error on unseen folds."""
     fewer = len(few) <= len(many) - 2 and numbers(few) <= numbers(many)
     return fewer and plain_error(mismatch, few) < plain_error(mismatch, many)
+
+
+def _says_the_rest_too(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
+    """Whether one law without a name leaves no more error on unseen folds than another one beside names."""
+    halves = len(few) < len(many) and any(t.name == "unknown" for t in many)
+    return halves and plain_error(mismatch, few) <= plain_error(mismatch, many)
 
 
 def _share_asked(unnamed: Term, beside: bool) -> float:
@@ -199,11 +213,11 @@ def _gains_of_peaks(
 ) -> Iterator[tuple[Peak, dict[str, float], float]]:
     """Peaks, each with what it would take away by itself; rows are sorted into narrow classes of the quantity first."""
     for peak, offered in itertools.groupby(peaks(known), key=lambda each: each[0]):
-        u = np.abs(known[peak.signal][0]) if peak.even else known[peak.signal][0]
+        side, u = peak.side(known[peak.signal][0]), peak.place(known[peak.signal][0])
         edges = np.linspace(u.min(), u.max(), _CLASSES + 1)
         at = np.clip(np.searchsorted(edges, u, side="right") - 1, 0, _CLASSES - 1)
-        inner = np.bincount(at, few.weights * few.values, _CLASSES)
-        size = np.bincount(at, few.weights, _CLASSES)
+        inner = np.bincount(at, few.weights * few.values * side, _CLASSES)
+        size = np.bincount(at, few.weights * side**2, _CLASSES)
         middle = (edges[1:] + edges[:-1]) / 2
         for _, shape in offered:
             row = np.exp(-(((middle - shape["c"]) / shape["w"]) ** 2))

@@ -12,6 +12,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
 from pido.diagnosis.forms import rivals_of
+from pido.diagnosis.formulas import Formula, Peak
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -293,6 +294,25 @@ def test_what_no_mechanism_describes_becomes_one_unknown_over_the_right_quantity
     (term,) = terms
     assert term.name == "unknown"
     assert "v_y" in term.mechanism.equation
+
+
+def test_a_drag_around_one_speed_turns_with_the_motion_and_is_one_peak():
+    mismatch, noise = laid_out(lambda s: 0.2 * np.exp(-(((np.abs(s.v) - 6.0) / 1.2) ** 2)) * np.sign(s.v))
+    (term,), _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
+    assert term.mechanism == Peak("v_x", "mm/s", even=False, odd=True)
+    assert dict(term.shape)["c"] == pytest.approx(6.0, abs=0.1)
+    model = AxisModel("x", NOISE, (term,), (np.array([0.2]),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_acts_only_while_the_drive_pushes_or_brakes_is_one_law_and_no_wrong_inertia_beside_another(sign):
+    mismatch, noise = laid_out(lambda s: 5e-4 * s.a * (sign * s.v * s.a > 0))
+    inertia = Term(next(m for m in CATALOGUE if m.id == "inertia"))
+    other = Term(Formula((("a_x", "|u|"), ("held_x", "sgn u")), "mm/s²"))
+    both = [replace(inertia, name="miscalibrated:inertia"), other]
+    (term,), _ = with_unknown(library_of(mismatch, noise, inertia), noise, both, seed=0)
+    assert term.mechanism.equation == f"dI = k * a_x * {'speeding' if sign > 0 else 'braking'}_x"
 
 
 def test_a_spring_about_a_place_is_one_unknown_and_not_a_level_beside_a_wave():
