@@ -51,6 +51,7 @@ _CURVE_SHARE = 0.3  # the same for a curve, and for what remembers beside names:
 _LESS_ERROR = 0.01  # of the error with names, in A on unseen folds, that a model without a name has to take away
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
+_EDGE = 2.0  # widths of a peak, within which it mends the edge of a box
 _PAIRS = 10
 _SURFACES = 4  # that are asked for what they take away themselves
 _ROWS = 3_000  # of the coarse residual, on which these are compared
@@ -164,7 +165,7 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
     scores.sort(key=lambda s: s.bic)
     tuned = (tune(library, current, s) for s in scores if not is_known(library, noise, s))
-    best = next((s for s in tuned if not is_known(library, noise, s)), None)
+    best = next((s for s in tuned if not (is_known(library, noise, s) or _at_an_edge(s.term, start))), None)
     if best is None:
         return []
     curve = best
@@ -270,6 +271,17 @@ def is_known(library: Library, noise: Noise, score: Score) -> bool:
         [max(float(g[0, 0]), 1e-30) for g, (i, j) in zip(library.grams, library.spans, strict=True) if j - i == 1]
     )
     return bool(np.max(np.abs((library.whitened @ row)[singles]) / size, initial=0.0) > _SAME * length)
+
+
+def _at_an_edge(term: Term, beside: Sequence[Term]) -> bool:
+    """Whether it is a peak where the box of another term ends: that edge is known to a row or two only."""
+    peak = term.mechanism
+    if not isinstance(peak, Peak):
+        return False
+    edges = [e for t in beside for g in t.gates if g.variable == peak.signal for e in (g.low, g.high)]
+    shape = dict(term.shape)
+    apart = np.abs(peak.place(np.array([e for e in edges if np.isfinite(e)])) - shape["c"])
+    return bool(np.any(apart < _EDGE * shape["w"]))
 
 
 def _quantities(term: Term) -> frozenset[str]:
