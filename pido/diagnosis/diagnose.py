@@ -42,13 +42,13 @@ from pido.diagnosis.search import Look, best_gain, first_look, search, without
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
+from pido.diagnosis.unnamed import clearly_less
 from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
 Result = TypeVar("Result")
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
-_LEAST_REST = 0.05  # of what all terms take away: what has no name and less of it is a named law's form
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
@@ -353,7 +353,7 @@ def proved(
         idle = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         reason = "the error on unseen parts is hardly smaller with it"
         if not idle:
-            idle = _rests(full, noise, kept, proofs, recorded)
+            idle = _rests(full, kept)
             reason = "it has no name, and is no more than what the form of a named law may lack"
         if not idle:
             found = estimate(full, noise, kept, rng, other)
@@ -369,17 +369,13 @@ def proved(
             del each[i]
 
 
-def _rests(
-    full: Mismatch, noise: Noise, kept: Sequence[Term], proofs: Sequence[HeldOut], recorded: Float1D
-) -> list[int]:
-    """Places of terms without a name that take away hardly anything beside all that the laws with one do."""
-    named = [t for t in kept if t.name != "unknown"]
-    if not named or len(named) == len(kept):
+def _rests(full: Mismatch, kept: Sequence[Term]) -> list[int]:
+    """Places of terms without a name that, now that all shapes are settled, take away hardly anything beside laws
+    with one."""
+    if all(t.name == "unknown" for t in kept):
         return []
-    of_all = held_out(full, noise, kept, [], recorded)
-    gains = [p.rmse_before**2 - p.rmse_after**2 for p in proofs]
-    least = _LEAST_REST * (of_all.rmse_before**2 - of_all.rmse_after**2)
-    return [i for i, t in enumerate(kept) if t.name == "unknown" and gains[i] < least]
+    unnamed = [i for i, t in enumerate(kept) if t.name == "unknown"]
+    return [i for i in unnamed if not clearly_less(full, kept, without(kept, i))]
 
 
 def _may_be_nothing(term: Term, parameters: Mapping[str, Estimate]) -> bool:

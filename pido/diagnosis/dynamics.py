@@ -74,8 +74,9 @@ class Ringing(Unnamed):
         return f"ringing at {shape['f']:.3g} Hz after changes of {self.signal}", ()
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
-        far = 2 * shape["zeta"] if name == "f" else 0.7
-        return shape[name] * float(np.exp(-far)), shape[name] * float(np.exp(far))
+        far = 2 * min(shape["zeta"], 1.0) if name == "f" else 0.7
+        most = np.inf if name == "f" else max(1.0, shape["zeta"])  # what is damped more does not ring
+        return shape[name] * float(np.exp(-far)), min(shape[name] * float(np.exp(far)), most)
 
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in widths of the resonance and in powers of e."""

@@ -82,7 +82,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             # A form that is smooth where a sign is sharp fits the transients of a filtered current better than the law
             # itself: the plain error has to be smaller as well, and not only the quick part of it.
             plainly = likelier and (
-                _less_error(mismatch, trial, best_terms) or _says_the_rest_too(mismatch, trial, best_terms)
+                clearly_less(mismatch, trial, best_terms) or _says_the_rest_too(mismatch, trial, best_terms)
             )
             if plainly or _says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, tried
@@ -108,7 +108,7 @@ def _charged(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
     return replace(whole, searched=whole.searched + _CHARGE * sum(t.name == "unknown" for t in terms))
 
 
-def _less_error(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term]) -> bool:
+def clearly_less(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether `trial` leaves clearly less error on unseen folds than `terms`.
 
     Clearly is a share of the error, or of what is removed where this is little: of a faint effect all is less.
