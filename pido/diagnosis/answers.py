@@ -19,6 +19,7 @@ from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, workpiece_area
 from pido.diagnosis.mechanisms.advice import recording_that_tells
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.signals import meanings
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term, gate_variable
 from pido.diagnosis.units import units
@@ -96,6 +97,8 @@ def equation_text(term: Term, axis: str) -> str:
     text = re.sub(r"_i\b", f"_{axis}", text)
     text = re.sub(r"(?<![\w|])(v|a|pos)(?![\w_(])", rf"\1_{axis}", text)
     text = re.sub(r"\|(v|a)\|", rf"|\1_{axis}|", text)
+    if term.name == "unknown":
+        text = "; ".join([text, *meanings(text, axis)])
     if term.lag:
         text += f"; answered late by the drive, first order, {term.lag:.2g} s"
     if term.gates:

@@ -21,6 +21,7 @@ from pido.diagnosis.state import AxisState
 
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
 _SIDES = ((False, False), (True, False), (False, True))  # of a peak: on one side of zero, even, odd
+_WHEN = {"speeding": "speeds up", "braking": "slows down"}
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
 
 
@@ -63,7 +64,10 @@ class Formula(Unnamed):
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
         if not self.factors:
             return "a level of its own", ()
-        return f"depending on {' and '.join(dict.fromkeys(s for s, _ in self.factors))}", ()
+        names = list(dict.fromkeys(s for s, _ in self.factors))
+        when = [f"while the {axis} axis {said}" for name, said in _WHEN.items() if f"{name}_{axis}" in names]
+        of = [n for n in names if n.split("_")[0] not in _WHEN]
+        return ", ".join([*([f"depending on {' and '.join(of)}"] if of else []), *when]), ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return np.broadcast_to(self.values(signals(state, [n for n, _ in self.factors])), len(state.time))[:, None]

@@ -5,6 +5,7 @@ In:  the states of an axis. Out: name -> (values (n,), unit), of what a current 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
@@ -14,6 +15,17 @@ from pido.core.axes import LINEAR_AXES
 from pido.core.errors import DiagnosisError
 from pido.diagnosis.state import AxisState
 
+_MEANING = {  # of what is no column of the recording; {} is the axis
+    "held_{}": "direction of the last motion",
+    "speeding_{}": "1 while v_{} * a_{} > 0, else 0",
+    "braking_{}": "1 while v_{} * a_{} < 0, else 0",
+    "d_{}": "way since the last reversal",
+    "I_{}": "simulated current",
+    "feed": "speed along the path",
+    "t_block": "time in the NC block, at most 10 s",
+    "t_cut": "time in this cut, at most 10 s, 0 outside",
+    "uptime": "the machine's clock",
+}
 _LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut began
 
 
@@ -64,6 +76,16 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
                 "give. Add the columns that the diagnosed parts had."
             )
     return out
+
+
+def meanings(text: str, axis: str) -> list[str]:
+    """What the signals in a formula mean that are no columns, in the order of this page.
+
+    >>> meanings("dI = k * a_x * speeding_x", "x")
+    ['speeding_x = 1 while v_x * a_x > 0, else 0']
+    """
+    named = {name.replace("{}", axis): said.replace("{}", axis) for name, said in _MEANING.items()}
+    return [f"{name} = {said}" for name, said in named.items() if re.search(rf"\b{name}\b", text)]
 
 
 def _feed(state: AxisState) -> Float1D | None:

@@ -12,7 +12,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import equation_text
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.faults import clipping, input_faults, time_shift
-from pido.diagnosis.formulas import Surface
+from pido.diagnosis.formulas import Formula, Surface
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.state import axis_state, axis_states
 from pido.diagnosis.terms import Gate, Term
@@ -126,6 +126,10 @@ def test_an_equation_says_where_it_is_confined():
 def test_a_curve_without_a_name_says_over_which_range_it_was_seen():
     surface = Surface(("v_x", "AR"), ((-20.0, 0.0, 30.0), (0.0, 4.0)), (False, False))
     assert surface.conditions("x", {})[0] == "depending on v_x from -20 to 30 and AR from 0 to 4"
+    pushed = Formula((("a_x", "u"), ("speeding_x", "u")), "mm/s²")
+    assert pushed.conditions("x", {})[0] == "depending on a_x, while the x axis speeds up"
+    said = equation_text(Term(pushed), "x")
+    assert said == "dI_x = k * a_x * speeding_x; speeding_x = 1 while v_x * a_x > 0, else 0"
     assert Bend("pos_x", (10.0, 250.0)).conditions("x", {})[0] == "depending on pos_x from 10 to 250"
 
 
