@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.signals import signals
+from pido.diagnosis.signals import NO_PLACE, signals
 from pido.diagnosis.state import AxisState
 
 
@@ -49,7 +49,7 @@ def bends(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[f
     root = np.sqrt(few.weights)
     out = []
     for name, (values, _) in known.items():
-        if name.startswith(("held", "speeding", "braking", "coolant", "uptime", "I_")):
+        if name.startswith(NO_PLACE):
             continue
         bend = Bend(name, (float(values.min()), float(values.max())))
         Q, _ = np.linalg.qr(_powers(values, bend.seen) * root[:, None])

@@ -16,7 +16,7 @@ import numpy as np
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import common_signals, signals
+from pido.diagnosis.signals import NO_PLACE, common_signals, signals
 from pido.diagnosis.state import AxisState
 
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
@@ -211,7 +211,7 @@ def peaks(known: Mapping[str, tuple[Float1D, str]], centres: int = 24) -> list[t
     """Peaks around values that the quantities really take, in widths from a fiftieth to a quarter of their range."""
     out = []
     for name, (values, unit) in known.items():
-        if name.startswith(("held", "speeding", "braking", "coolant", "uptime", "I_")):
+        if name.startswith(NO_PLACE):
             continue
         both = values.min() < 0 < values.max()
         for peak in [Peak(name, unit, even, odd) for even, odd in _SIDES[: 3 if both else 1]]:

@@ -26,6 +26,7 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     "t_cut": "time in this cut, at most 10 s, 0 outside",
     "uptime": "the machine's clock",
 }
+NO_PLACE = ("held", "speeding", "braking", "coolant", "uptime", "I_")  # over which neither a peak nor a bend is a law
 _LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut began
 
 
@@ -45,8 +46,8 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"pos_{a}": (None if spindle else state.pos, length),
         **{f"pos_{axis}": (place, "mm") for axis, place in state.places.items() if axis != a},
         f"held_{a}": (state.held, "–"),
-        f"speeding_{a}": ((state.v * state.a > 0).astype(float), "–"),
-        f"braking_{a}": ((state.v * state.a < 0).astype(float), "–"),
+        f"speeding_{a}": (lambda: (state.v * state.a > 0).astype(float), "–"),
+        f"braking_{a}": (lambda: (state.v * state.a < 0).astype(float), "–"),
         f"d_{a}": (state.since_reversal, length),
         f"I_{a}": (state.sim, "A"),
         **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
