@@ -28,6 +28,8 @@ _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.03  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
 _FAR_BEYOND = 10.0  # times what one speed in a thousand differs by from its neighbours
 _FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
+_MORE = 3.0  # times what any stretch of the same length loses elsewhere
+_SEVERAL = 10  # lengths of a stretch, fewer of which do not say what is usual
 _ROUNDED = 3.0  # steps of rounding that a change from sample to sample may be off by
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
 _ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
@@ -116,9 +118,11 @@ def _position_and_speed(
         for i, j in stretches:
             # Without the steps in which one signal begins or ends a move before the other.
             inner = slice(i + _EDGE, max(j - _EDGE, i + _EDGE + 1))
-            lost, way = abs(float(np.sum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
+            lost, way = float(np.ptp(np.cumsum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
             size = float(np.sqrt(np.mean(rate[inner] ** 2)))
-            if size > usual / 1.5 and lost > max(_GRAINS * grain, 0.5 * way):
+            if lost > max(_GRAINS * grain, 0.5 * way) and (
+                size > usual / 1.5 or lost > _MORE * _lost_elsewhere(gap, use, inner.stop - inner.start)
+            ):
                 frozen[i : j + 1] = True
         getattr(out, name)[FROZEN] = frozen
     frozen = out.pos[FROZEN] | out.v[FROZEN]
@@ -214,6 +218,16 @@ def _speed_and_acceleration(
     out.a[FROZEN], out.a[SPIKE] = frozen, spike_a
     if spike_v.any():
         out.v[SPIKE] = out.v.get(SPIKE, np.zeros(len(time), bool)) | spike_v
+
+
+def _lost_elsewhere(gap: Float1D, use: Bool1D, length: int) -> float:
+    """The most that stretches of so many steps lose where nothing is amiss; infinite where there are few of them.
+
+    Noise and rounding do not add up over a stretch: slow motion that a signal missed shows in it, and in no single step.
+    """
+    way, amiss = np.cumsum(np.r_[0.0, gap]), np.cumsum(np.r_[0, ~use])
+    lost = np.abs(way[length:] - way[:-length])[amiss[length:] == amiss[:-length]]
+    return float(lost.max()) if len(lost) >= _SEVERAL * length else np.inf
 
 
 def runs(rows: Bool1D) -> list[tuple[int, int]]:

@@ -149,6 +149,27 @@ def test_a_wrong_signal_is_found_where_it_is_wrong(rate, column, seconds, change
     assert last <= end + 0.35
 
 
+def test_slow_motion_that_a_frozen_speed_missed_is_found_beside_rapids():
+    """Rapids make any single step of it look usual; what the stretch loses is more than any other of its length does."""
+    t = np.arange(0.0, 100.0, 0.001)
+    rapid = 400.0 * np.sin(2 * np.pi * np.mod(t, 10.0)) ** 3 * (np.mod(t, 10.0) < 1.0)
+    v = 5.0 * np.sin(2 * np.pi * t / 4.0) + rapid
+    pos = np.cumsum(v) * 0.001 + 5e-5 * np.gradient(v, t)  # the position is read later than the speed
+    rng = np.random.default_rng(0)
+    columns = {
+        "time": t[::20],
+        "pos_x": pos[::20] + rng.normal(0, 2e-4, len(t[::20])),
+        "v_x": v[::20],
+        "a_x": np.gradient(v, t)[::20],
+    }
+    clean = Recording(PartInfo(part="p", machine="m"), columns)
+    assert input_faults(clean) == {}
+    i, j = 2220, 2290  # from 44.4 to 45.8 s, through a reversal
+    (fault,) = input_faults(put(clean, "v_x", slice(i, j), clean["v_x"][i]))["v_x"]
+    assert "frozen" in fault.reason
+    assert (fault.t_start, fault.t_end) == pytest.approx((clean.time[i], clean.time[j - 1]), abs=0.05)
+
+
 @pytest.mark.parametrize("rate", [50.0, 500.0])
 def test_a_speed_that_follows_from_a_wrong_position_is_told_by_the_acceleration(rate):
     clean = axis_in_motion(rate, seed=2)
