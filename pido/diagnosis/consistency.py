@@ -223,7 +223,8 @@ def _speed_and_acceleration(
 def _lost_elsewhere(gap: Float1D, use: Bool1D, length: int) -> float:
     """The most that stretches of so many steps lose where nothing is amiss; infinite where there are few of them.
 
-    Noise and rounding do not add up over a stretch: slow motion that a signal missed shows in it, and in no single step.
+    Noise and rounding do not add up over a stretch: slow motion that a signal missed shows in it, and in no single
+    step.
     """
     way, amiss = np.cumsum(np.r_[0.0, gap]), np.cumsum(np.r_[0, ~use])
     lost = np.abs(way[length:] - way[:-length])[amiss[length:] == amiss[:-length]]

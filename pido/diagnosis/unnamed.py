@@ -160,7 +160,8 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     few = coarse(mismatch, residual, noise)
     whole = common_signals(mismatch.states)
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
-    offered = _ranked(mismatch.axis, known, few)
+    # What has no name passes the loop of the drive as everything does.
+    offered = [replace(t, lag=library.lag) for t in _ranked(mismatch.axis, known, few)]
     late = remembering(mismatch, residual, whole)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
     scores.sort(key=lambda s: s.bic)

@@ -150,7 +150,7 @@ def test_a_wrong_signal_is_found_where_it_is_wrong(rate, column, seconds, change
 
 
 def test_slow_motion_that_a_frozen_speed_missed_is_found_beside_rapids():
-    """Rapids make any single step of it look usual; what the stretch loses is more than any other of its length does."""
+    """Rapids make any single step of it look usual; the stretch loses more than any other of its length does."""
     t = np.arange(0.0, 100.0, 0.001)
     rapid = 400.0 * np.sin(2 * np.pi * np.mod(t, 10.0)) ** 3 * (np.mod(t, 10.0) < 1.0)
     v = 5.0 * np.sin(2 * np.pi * t / 4.0) + rapid

@@ -26,6 +26,7 @@ from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
 from pido.diagnosis.whiten import Noise, estimate_noise
+from pido.physics.drive import answered_late
 
 NOISE = 0.05
 VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
@@ -303,6 +304,18 @@ def test_a_drag_around_one_speed_turns_with_the_motion_and_is_one_peak():
     assert dict(term.shape)["c"] == pytest.approx(6.0, abs=0.1)
     model = AxisModel("x", NOISE, (term,), (np.array([0.2]),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
+def test_what_has_no_name_passes_the_loop_of_the_drive_as_laws_do():
+    def drag(s):
+        return 0.2 * np.exp(-(((np.abs(s.v) - 6.0) / 1.2) ** 2)) * np.sign(s.v)
+
+    mismatch, noise = laid_out(lambda s: answered_late(drag(s)[None], s.time, 0.1)[0])
+    library = Library(mismatch, [Term(VISCOUS)], lag=0.1)
+    library.whiten(noise)
+    (term,), _ = with_unknown(library, noise, [], seed=0)
+    assert (term.mechanism, term.lag) == (Peak("v_x", "mm/s", even=False, odd=True), 0.1)
+    assert dict(term.shape)["c"] == pytest.approx(6.0, abs=0.1)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
