@@ -9,7 +9,9 @@ from how fast the calmer of two signals changes there; what stands far outside i
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
@@ -113,6 +115,7 @@ def _position_and_speed(
     change = np.abs(np.diff(v) / step)
     hard = use & (change > _SHORT * float(np.quantile(_few(change[use]), 0.999)))
     usual = max(usual, _in_motion(rate, use & (moved != 0)), _while_hard(rate, hard), rounding)
+    lost_elsewhere = _lost_elsewhere(gap, use)
     for name, stretches in zip(("pos", "v"), held, strict=True):
         frozen = np.zeros(len(time), bool)
         for i, j in stretches:
@@ -121,7 +124,7 @@ def _position_and_speed(
             lost, way = float(np.ptp(np.cumsum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
             size = float(np.sqrt(np.mean(rate[inner] ** 2)))
             if lost > max(_GRAINS * grain, 0.5 * way) and (
-                size > usual / 1.5 or lost > _MORE * _lost_elsewhere(gap, use, inner.stop - inner.start)
+                size > usual / 1.5 or lost > _MORE * lost_elsewhere(inner.stop - inner.start)
             ):
                 frozen[i : j + 1] = True
         getattr(out, name)[FROZEN] = frozen
@@ -220,15 +223,25 @@ def _speed_and_acceleration(
         out.v[SPIKE] = out.v.get(SPIKE, np.zeros(len(time), bool)) | spike_v
 
 
-def _lost_elsewhere(gap: Float1D, use: Bool1D, length: int) -> float:
-    """The most that stretches of so many steps lose where nothing is amiss; infinite where there are few of them.
+def _lost_elsewhere(gap: Float1D, use: Bool1D) -> Callable[[int], float]:
+    """Length -> the most that stretches of so many steps lose where nothing is amiss; infinite where there are few.
 
     Noise and rounding do not add up over a stretch: slow motion that a signal missed shows in it, and in no single
     step.
     """
     way, amiss = np.cumsum(np.r_[0.0, gap]), np.cumsum(np.r_[0, ~use])
-    lost = np.abs(way[length:] - way[:-length])[amiss[length:] == amiss[:-length]]
-    return float(lost.max()) if len(lost) >= _SEVERAL * length else np.inf
+
+    @cache
+    def most(length: int) -> float:
+        lost = np.abs(way[length:] - way[:-length])[amiss[length:] == amiss[:-length]]
+        return float(lost.max()) if len(lost) >= _SEVERAL * length else np.inf
+
+    def of(length: int) -> float:
+        # Rounded up by a quarter at most: a record may hold thousands of stretches.
+        unit = 1 << max(0, length.bit_length() - 3)
+        return most(-(-length // unit) * unit)
+
+    return of
 
 
 def runs(rows: Bool1D) -> list[tuple[int, int]]:
