@@ -47,6 +47,7 @@ class Ringing(Unnamed):
     signal: str
     unit: str
 
+    passes_loop: ClassVar[bool] = False
     shape: ClassVar[tuple[Parameter, ...]] = (
         Parameter("f", "Hz", low=0.0, scale="log"),
         Parameter("zeta", "–", low=0.0, scale="log"),
@@ -96,6 +97,7 @@ class Lagged(Unnamed):
     unit: str
     by_cut: bool = False
 
+    passes_loop: ClassVar[bool] = False
     shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
 
     @property

@@ -39,6 +39,7 @@ class ExternalForce(Mechanism):
     id: ClassVar[str] = "external_force"
     equation: ClassVar[str] = "dI = F(t), piecewise constant over separate intervals"
     kind: ClassVar[Any] = "missing_physics"
+    passes_loop: ClassVar[bool] = False
     summary: ClassVar[str] = "{axis} axis, over single intervals of time, whatever the machine does then"
     shape: ClassVar[tuple[Parameter, ...]] = ()
     looked_at: ClassVar[int] = 3_000  # intervals that do not overlap much: ten lengths of each bin

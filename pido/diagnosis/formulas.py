@@ -90,18 +90,21 @@ class Peak(Unnamed):
     """A current that is there only around one value of one quantity, as a resonance is.
 
     even : the same on both sides of zero; odd : on both sides, and turning with the sign, as a drag does
+    wide : it fades as the answer of an oscillator does (Lorentz), not as a normal density (Gauss)
     """
 
     signal: str
     unit: str
     even: bool
     odd: bool = False
+    wide: bool = False
 
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "A"),)
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        return f"dI = k * exp(-(({self._written} - c) / w)^2)" + f" * sgn({self.signal})" * self.odd
+        apart = f"(({self._written} - c) / w)^2"
+        return f"dI = k {f'/ (1 + {apart})' if self.wide else f'* exp(-{apart})'}" + f" * sgn({self.signal})" * self.odd
 
     @property
     def _written(self) -> str:
@@ -113,7 +116,8 @@ class Peak(Unnamed):
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = signals(state, [self.signal])[self.signal][0]
-        size = np.exp(-(((self.place(u) - shape["c"]) / shape["w"]) ** 2))
+        apart = ((self.place(u) - shape["c"]) / shape["w"]) ** 2
+        size = 1 / (1 + apart) if self.wide else np.exp(-apart)
         return (size * self.side(u))[:, None]
 
     def place(self, u: Float1D) -> Float1D:

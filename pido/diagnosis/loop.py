@@ -48,7 +48,7 @@ def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
     """
     noise, error = even(mismatch), plain_error(mismatch, terms)
     chosen = [t for t in terms if t.mechanism.kind == "data_fault" or t.name == "external_force"]
-    left = [t for t in terms if _passes(t)]
+    left = [t for t in terms if _passes(t) and t.name != "unknown"]
     while left:
         trials = [_behind_one(mismatch, noise, [*chosen, form]) for t in left for form in _at_rest(t)]
         chosen = settle_shapes(mismatch, noise, min(trials, key=lambda trial: trial[0])[1])

@@ -208,8 +208,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own["clock"] = clock
         case Formula(factors=factors, unit=unit, seen=seen):
             own |= {"factors": [list(f) for f in factors], "unit": unit, "seen": [list(r) for r in seen]}
-        case Peak(signal=signal, unit=unit, even=even, odd=odd):
-            own |= {"signal": signal, "unit": unit, "even": even, "odd": odd}
+        case Peak(signal=signal, unit=unit, even=even, odd=odd, wide=wide):
+            own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
         case Bend(signal=signal, seen=seen):
             own |= {"bends": signal, "seen": list(seen)}
         case Wave(place=place, signal=signal, unit=unit):
@@ -263,7 +263,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "waves" in own:
         return Wave(str(own["waves"]), str(own["signal"]), str(own["unit"]))
     if "signal" in own:
-        return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), bool(own.get("odd")))
+        flags = (bool(own.get(flag)) for flag in ("even", "odd", "wide"))
+        return Peak(str(own["signal"]), str(own["unit"]), *flags)
     if "bends" in own:
         return Bend(str(own["bends"]), (float(own["seen"][0]), float(own["seen"][1])))
     if "rings" in own:

@@ -74,8 +74,8 @@ class Term:
 
     def behind(self, lag: float) -> Term:
         """The same term behind the loop of a drive; as it is where it passes none, or has a lag of its own."""
-        named = self.mechanism.kind == "missing_physics" and self.name not in ("unknown", "external_force")
-        return replace(self, lag=lag) if named and not dict(self.shape).get("late") else self
+        passes = self.mechanism.passes_loop and self.mechanism.kind != "data_fault"
+        return replace(self, lag=lag) if passes and not dict(self.shape).get("late") else self
 
     def columns(self, states: Sequence[AxisState]) -> Float2D:
         """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""

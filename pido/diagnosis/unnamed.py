@@ -87,8 +87,8 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             if plainly or _says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, tried
     whole = curve_over_current(mismatch) if len(best_terms) >= _MANY else None
-    if whole is not None and _says_it_all(mismatch, [Term(whole)], best_terms):
-        best_terms = [Term(whole)]
+    if whole is not None and _says_it_all(mismatch, [Term(whole).behind(library.lag)], best_terms):
+        best_terms = [Term(whole).behind(library.lag)]
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)
     named = _explained(mismatch, best_terms, joint.amplitudes)
@@ -160,8 +160,7 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     few = coarse(mismatch, residual, noise)
     whole = common_signals(mismatch.states)
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
-    # What has no name passes the loop of the drive as everything does.
-    offered = [replace(t, lag=library.lag) for t in _ranked(mismatch.axis, known, few)]
+    offered = [t.behind(library.lag) for t in _ranked(mismatch.axis, known, few)]
     late = remembering(mismatch, residual, whole)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
     scores.sort(key=lambda s: s.bic)
@@ -179,7 +178,7 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     every = surfaces(mismatch)
     asked = [s for s in every if frozenset(s.variables) in wanted[:_PAIRS]]
     for surface in dict.fromkeys([*asked, *_ranked_surfaces(every, known, few)[:_SURFACES]]):
-        found = library.score(Term(surface), current)
+        found = library.score(Term(surface).behind(library.lag), current)
         if found is not None and found.bic < curve.bic - _CLEARLY:
             curve = found
     return [best] if curve is best else [best, curve]
@@ -244,7 +243,7 @@ def _gains_of_formulas(
 
 
 def tune(library: Library, current: Basis, score: Score) -> Score:
-    """The shape of an unnamed term moved to its best."""
+    """The shape of an unnamed term moved to its best; of a peak, the better of the two ways to fade."""
     best, size, mechanism = score, dict(score.term.shape), score.term.mechanism
     if not isinstance(mechanism, Unnamed) or not size:
         return score
@@ -257,6 +256,9 @@ def tune(library: Library, current: Basis, score: Score) -> Score:
         return current.rss if found is None else current.rss - found.gain
 
     minimize(loss, np.zeros(2), method="Nelder-Mead", options={"maxfev": 40, "initial_simplex": _SIMPLEX})
+    if isinstance(mechanism, Peak) and not mechanism.wide:
+        wider = library.score(replace(best.term, mechanism=replace(mechanism, wide=True)), current)
+        best = best if wider is None else min(best, tune(library, current, wider), key=lambda s: s.bic)
     return best
 
 

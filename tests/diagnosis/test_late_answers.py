@@ -8,6 +8,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import even
+from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.loop import answered
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -76,16 +77,23 @@ def test_what_comes_at_once_has_no_lag():
     [
         Term(BY_ID["sensor_offset"]),
         Term(BY_ID["torque_ripple"], (("L", 5.0), ("harmonics", 0.0), ("late", 0.03))),
-        replace(STRIBECK, name="unknown"),
+        Term(Lagged("v_x", "u", "mm/s"), (("tau", 0.03),)),
+        Term(BY_ID["current_saturation"], (("I_k", 1.0), ("form", 0.0))),
     ],
     ids=lambda t: t.name,
 )
-def test_a_sensor_what_has_a_lag_of_its_own_and_what_has_no_name_pass_no_loop(term):
+def test_a_sensor_a_limit_of_the_current_and_what_has_a_lag_of_its_own_pass_no_loop(term):
     mismatch = laid_out(TAU)
     both = answered(mismatch, even(mismatch), [STRIBECK, term])
     assert both[0].lag > 0
     assert both[1].lag == 0
     assert answered(mismatch, even(mismatch), [term]) == [term]
+
+
+def test_what_has_no_name_passes_the_loop():
+    mismatch = laid_out(TAU)
+    (term,) = answered(mismatch, even(mismatch), [replace(STRIBECK, name="unknown")])
+    assert term.lag == pytest.approx(TAU, rel=0.1)
 
 
 def test_the_lag_is_in_the_model_that_corrects_other_parts():

@@ -79,6 +79,7 @@ class Mechanism(ABC):
     axes: ClassVar[tuple[str, ...]] = AXES
     summary: ClassVar[str] = ""
     transient: ClassVar[bool] = False  # acts around stops and reversals only
+    passes_loop: ClassVar[bool] = True  # of a drive; not what acts on the current itself or is late in its own way
     quantity: ClassVar[str | None] = None  # the choice that says what it is in proportion to
     follows_from: ClassVar[tuple[str, ...]] = ()  # of a state's fields that a part may lack: without them it is nothing
     looked_at: ClassVar[int] = 1  # shapes that `suggest` compares; a claim is charged for them

@@ -107,6 +107,7 @@ class CurrentSaturation(Mechanism):
         "dI = s * (|I| - I_k)+ * sgn(I), s * (|I| - I_k)+^2 * sgn(I), s * I * |I|, s * I^3 "
         "or s * (I - I_k * tanh(I / I_k)); I simulated"
     )
+    passes_loop = False
     amplitudes = (Parameter("s", "–, 1/A or 1/A²", low=-1.2),)
     shape = (Parameter("I_k", "A", low=0.01, high=200.0, scale="log", points=9), choice("form", 5))
 
