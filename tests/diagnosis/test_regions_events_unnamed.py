@@ -309,7 +309,8 @@ def test_a_drag_around_one_speed_turns_with_the_motion_and_is_one_peak():
 def test_a_resonance_fades_as_the_answer_of_an_oscillator_and_needs_no_law_beside_it():
     mismatch, noise = laid_out(lambda s: 0.3 / (1 + ((np.abs(s.others["y"].v) - 6.0) / 1.2) ** 2))
     (term,), _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
-    assert isinstance(term.mechanism, Peak) and term.mechanism.wide
+    assert isinstance(term.mechanism, Peak)
+    assert term.mechanism.wide
     assert dict(term.shape)["w"] == pytest.approx(1.2, rel=0.1)
     assert "k / (1 +" in term.mechanism.equation
     model = AxisModel("x", NOISE, (term,), (np.array([0.3]),))
