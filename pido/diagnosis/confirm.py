@@ -3,8 +3,8 @@
 In:  one axis of all parts, the joint model, its noise.
 Out: p values that blocks stand behind, errors before and after on unseen parts, intervals by block bootstrap.
 Source: cluster-robust Wald test (Liang and Zeger 1986; small-sample form CR1); false discovery rate (Benjamini and
-Hochberg 1995); a variance of few blocks judged beside that of all (as Smyth 2004); resampled blocks carry the whole
-joint fit (Künsch 1989, with the weights of Rubin 1981).
+Hochberg 1995); a variance of few blocks judged beside that of all (as Smyth 2004); amplitudes of single blocks
+(Ibragimov and Müller 2010); resampled blocks carry the whole joint fit (Künsch 1989, with the weights of Rubin 1981).
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from pido.diagnosis.whiten import Noise
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 _DRAWS = 400
 _MANY_BLOCKS = 30  # beyond which Student's t of their number is nearly normal
+_SOME = 0.01  # of the power of the block that has most of a term's: enough to tell the amplitude
+_FEWEST_ALIKE = 6  # blocks
 _MERGED = (1, 4, 16)  # blocks that count as one observation
 _FEWEST_UNITS = 6  # observations to resample
 _FEWEST_PARTS_TO_RESAMPLE = 6
@@ -83,7 +85,19 @@ def p_value(model: Whitened, which: int, block: Int1D, pooled: bool = False, lea
         scatter = float(np.mean(np.bincount(block, residual) ** 2 / rows)) / float(residual @ residual / free)
         wald = min(wald, gain / k / (residual @ residual / free) / max(1.0, scatter))
         robust = min(robust, float(stats.f.sf(wald, k, len(rows) - 1)))
+    if pooled and k == 1 and effective < _MANY_BLOCKS:
+        robust = min(robust, 2 * _p_of_blocks_alike(X[0], y, block))
     return float(min(1.0, max(classical, robust)))
+
+
+def _p_of_blocks_alike(x: Float1D, y: Float1D, block: Int1D) -> float:
+    """p that amplitudes, each of one block by itself, are zero on the mean: where one block has most of the power, the
+    others say whether it is one event. 1 where too few have some. Source: Ibragimov and Müller 2010."""
+    power, inner = np.bincount(block, x**2), np.bincount(block, x * y)
+    some = power > _SOME * power.max()
+    if some.sum() < _FEWEST_ALIKE:
+        return 1.0
+    return float(stats.ttest_1samp(inner[some] / power[some], 0.0).pvalue)
 
 
 def q_values(p: Sequence[float], questions: int) -> list[float]:

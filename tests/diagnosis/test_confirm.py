@@ -76,6 +76,18 @@ def test_a_term_of_few_blocks_has_an_honest_p_value_which_is_as_sure_as_all_bloc
     assert p_value(Whitened(X[None], y, (slice(0, 1),)), 0, mismatch.block, pooled=True) < 1e-8
 
 
+def test_a_law_that_is_strong_in_one_block_is_proved_by_the_others_and_an_event_there_is_not():
+    mismatch, rng = _laid_out(1), np.random.default_rng(3)
+    heavy = np.where(mismatch.block == 4, 8.0, 1.0)  # one cut has nearly all of the power
+    X, noise = heavy * rng.normal(size=_ROWS), rng.normal(size=_ROWS)
+    law, event = X + noise, X * (mismatch.block == 4) + noise
+    p_law, p_event = (
+        p_value(Whitened(X[None], y, (slice(0, 1),)), 0, mismatch.block, pooled=True, least=4.0) for y in (law, event)
+    )
+    assert p_law < 1e-8
+    assert p_event > 0.05
+
+
 def test_an_amplitude_that_a_form_does_without_asks_no_question():
     rng = np.random.default_rng(0)
     X, y, block = rng.normal(size=(2, 400)), rng.normal(size=400), np.arange(400) // 10
