@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import stats
 
-from pido.core.arrays import Bool1D
+from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.core.recording import Recording
@@ -94,11 +94,17 @@ def clipped(parts: Sequence[Recording], axis: str) -> Limits:
         if limits is None or CURRENT_SIM[axis] not in recording:
             continue
         current, sim = recording[CURRENT[axis]], recording[CURRENT_SIM[axis]]
-        low = limits[0] if np.isfinite(limits[0]) and np.nanmean(sim[current <= limits[0]]) < limits[0] else -np.inf
-        high = limits[1] if np.isfinite(limits[1]) and np.nanmean(sim[current >= limits[1]]) > limits[1] else np.inf
+        # A coarse converter repeats its largest value as well, which the simulation exceeds by what was rounded.
+        rounded = float(np.median(np.diff(np.unique(current[np.isfinite(current)])))) / 2
+        low = limits[0] if _exceeds(-sim, current <= limits[0], rounded - limits[0]) else -np.inf
+        high = limits[1] if _exceeds(sim, current >= limits[1], rounded + limits[1]) else np.inf
         if np.isfinite(low) or np.isfinite(high):
             out[recording.part.part] = (float(low), float(high))
     return out
+
+
+def _exceeds(values: Float1D, rows: Bool1D, level: float) -> bool:
+    return bool(rows.any()) and float(np.nanmean(values[rows])) > level
 
 
 def at_limit(recording: Recording, axis: str, limits: Limits) -> Bool1D:

@@ -25,7 +25,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.comparable import comparable_axes, in_order
-from pido.diagnosis.confirm import even, held_out, plain_error, rms_held_out
+from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
@@ -236,7 +236,8 @@ def _prove(
     full = _lay_out(parts, answer.axis, machine, limits, searching=False)
     work = _settle(full if delay is None else _without_delay(full, delay), parts, answer, rng, delay, limits)
     if limits:
-        work.findings.append(clipping_finding(parts, answer.axis, limits, work.model.noise_level))
+        limit = clipping_finding(parts, answer.axis, limits, work.model.noise_level)
+        work.findings += [limit] if limit.evidence.p_value < SIGNIFICANT else []
     return work
 
 
