@@ -219,9 +219,9 @@ def test_a_limit_whose_last_digits_differ_is_the_limit_of_all_samples_at_it():
 @pytest.mark.parametrize("limit", [np.inf, 1.7])
 def test_a_coarse_converter_that_repeats_its_largest_value_is_no_limit(limit):
     clean = axis_in_motion(100.0)
-    sim = np.clip(3 * np.sin(1.3 * clean.time), -1.999, 1.999)
+    sim = np.clip(3 * np.sin(1.3 * clean.time), -1.985, 1.985)
     step = 0.045  # 1.98 is the next value to 2
-    current = np.round((np.minimum(sim, limit) + np.random.default_rng(3).normal(0, 0.005, len(sim))) / step) * step
+    current = np.round((np.minimum(sim, limit) + np.random.default_rng(3).normal(0, 0.003, len(sim))) / step) * step
     recorded = clean.with_columns(curr_x=current, curr_x_sim=sim)
     assert clipping(recorded, "x") is not None
     assert bool(clipped([recorded], "x")) == np.isfinite(limit)
