@@ -177,20 +177,27 @@ def even(mismatch: Mismatch) -> Noise:
     return Noise(np.zeros(0), np.ones(mismatch.n), 1.0, mismatch.usable)
 
 
-def rms_held_out(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> float:
+def rms_held_out(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold: Int1D | None = None) -> float:
     """A, on folds that were not fitted."""
-    left = cross_residual(mismatch, noise, terms)[mismatch.usable]
+    left = cross_residual(mismatch, noise, terms, fold)[mismatch.usable]
     return float(np.sqrt(np.mean(left**2)))
 
 
 def plain_error(mismatch: Mismatch, terms: Sequence[Term]) -> float:
     """A, on folds that were not fitted, under ordinary least squares."""
-    return rms_held_out(mismatch, even(mismatch), terms)
+    return plain_errors(mismatch, terms)[0]
+
+
+def plain_errors(mismatch: Mismatch, *models: Sequence[Term]) -> tuple[float, ...]:
+    """The same of several models to be compared, on the same folds: those that a force among any of them asks for."""
+    fold = fold_of(mismatch, list(itertools.chain(*models)))
+    return tuple(rms_held_out(mismatch, even(mismatch), terms, fold) for terms in models)
 
 
 def less_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], share: float) -> bool:
     """Whether `terms` make the plain error on unseen folds smaller than `others` do, by more than `share` of it."""
-    return plain_error(mismatch, terms) < (1 - share) * plain_error(mismatch, others)
+    now, former = plain_errors(mismatch, terms, others)
+    return now < (1 - share) * former
 
 
 def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> float:

@@ -1,7 +1,8 @@
-"""Models without a name that remember: an axis that rings after a change, a current that follows late.
+"""Models without a name that remember: an axis that rings after a change, a current that follows late, a motor that
+its own losses warm.
 
 In:  the residual of one axis, and the quantities that could drive it.
-Out: `Ringing` and `Lagged` terms worth a closer look, their frequencies and times read from the residual itself.
+Out: `Ringing`, `Lagged` and `Heated` terms worth a closer look, frequencies read from the residual itself.
 Source: transfer function estimate H1 = Sxy / Sxx (Welch); first-order hold of a linear oscillator (Franklin, Powell and
 Workman, Digital Control of Dynamic Systems, ch. 6).
 """
@@ -34,6 +35,7 @@ _MODES = 5  # peaks of a spectrum that are looked at
 _DAMPING = (0.015, 0.06, 0.2)
 _MOST_DAMPED = 0.4  # beyond it nothing rings: that is `Lagged`
 _TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+_WARMING_S = (3.0, 10.0, 30.0, 100.0, 300.0)
 _LONGEST_S = 30.0  # what comes later still is drift
 
 
@@ -129,6 +131,38 @@ class Lagged(Unnamed):
         return {"tau": min(_LONGEST_S, float(shape["tau"] * np.exp(np.clip(by[0], -3, 3))))}
 
 
+@dataclass(frozen=True)
+class Heated(Unnamed):
+    """A current that is off as far as its own losses have warmed the winding: dI = k * I * I² / (1 + tau s).
+
+    Source: first-order thermal model of a motor, whose torque constant falls with its temperature.
+    """
+
+    signal: str
+
+    passes_loop: ClassVar[bool] = False
+    amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "1/A²"),)
+    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        return f"dI = k * {self.signal} * ({self.signal}² / (1 + tau s))"
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        current = signals(state, [self.signal])[self.signal][0]
+        return (current * answered_late(current[None] ** 2, state.time, shape["tau"])[0])[:, None]
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"in proportion to the current, growing with its losses of the last {shape['tau']:.3g} s", ()
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        return shape[name] / 2, shape[name] * 2
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in powers of e."""
+        return {"tau": float(shape["tau"] * np.exp(np.clip(by[0], -3, 3)))}
+
+
 def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple[Float1D, str]]) -> list[Term]:
     """Ringing at the frequencies in which the residual answers to a quantity, and late answers in steps of three.
 
@@ -148,6 +182,8 @@ def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple
     cuts = all(e is not None and e.any() and not e.all() for e in engaged)
     for (name, form), by_cut in itertools.product(_late(known, axis), (False, True) if cuts else (False,)):
         terms += [Term(Lagged(name, form, known[name][1], by_cut), (("tau", tau),)) for tau in _TIMES_S]
+    if f"I_{axis}" in known:
+        terms += [Term(Heated(f"I_{axis}"), (("tau", tau),)) for tau in _WARMING_S]
     return terms
 
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.confirm import cross_residual, even, plain_error
+from pido.diagnosis.confirm import cross_residual, even, plain_errors
 from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.library import Library, basis
@@ -176,7 +176,7 @@ def _lacks_little(none: float, left: float, whole: float, share: float) -> bool:
 
 def _left(mismatch: Mismatch, *models: Sequence[Term]) -> tuple[float, ...]:
     """Mean square that each of some models leaves on unseen folds, A^2."""
-    return tuple(plain_error(mismatch, terms) ** 2 for terms in models)
+    return tuple(error**2 for error in plain_errors(mismatch, *models))
 
 
 def _at_standstill(mismatch: Mismatch, term: Term) -> float:
@@ -249,7 +249,8 @@ _STEADY = (
 
 def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
     """`terms` with a steady load for one that drifts with the temperature, where nearly all that this removes is its
-    mean: a first order drift is a constant with three more numbers. Friction is never quite its law; a constant is."""
+    mean: a first order drift is a constant with three more numbers. Friction is never quite its law; a constant is.
+    Where that steady load is among them already, what drifts in a box and adds little only mends its form there."""
     at = next((i for i, t in enumerate(terms) if t.mechanism.id == "thermal_drift"), None)
     if at is None:
         return terms
@@ -257,12 +258,17 @@ def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
     lacks = MISFIT if along else MISFIT_PLAIN
     rest = [t for k, t in enumerate(terms) if k != at]
     taken = {t.name for t in rest}
-    for other in {
-        t.name: t for t in library.terms if t.mechanism.id in _STEADY[along] and t.name not in taken
-    }.values():
+    for other in library.terms:
+        if other.mechanism.id not in _STEADY[along] or (other.name in taken and not terms[at].gates):
+            continue
         trial = [*terms[:at], replace(other, gates=terms[at].gates), *terms[at + 1 :]]
-        if _lacks_little(*_left(library.mismatch, rest, trial, terms), share=lacks):
+        if not _lacks_little(*_left(library.mismatch, rest, trial, terms), share=lacks):
+            continue
+        if other.name not in taken:
             return trial
+        without = [t for t in rest if t.name != other.name]
+        if _lacks_little(*_left(library.mismatch, without, rest, terms), share=MISFIT):
+            return rest
     return terms
 
 
@@ -297,8 +303,8 @@ def _turns_over_a_way(mismatch: Mismatch, rest: Sequence[Term], presliding: Term
         return False
     forms = ((f"held_{mismatch.axis}", "u"), (f"v_{mismatch.axis}", "sgn u"))
     late = [Term(Lagged(name, form, "–"), (("tau", tau),)) for name, form in forms for tau in _LATE_S]
-    least = min(plain_error(mismatch, [*rest, term]) for term in late)
-    return least >= AS_GOOD * plain_error(mismatch, [*rest, presliding])
+    turning, *answering = plain_errors(mismatch, [*rest, presliding], *([*rest, term] for term in late))
+    return min(answering) >= AS_GOOD * turning
 
 
 def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.diagnosis.confirm import (
     SIGNIFICANT,
     cross_residual,
@@ -218,13 +218,14 @@ def by_error(library: Library, terms: Sequence[Term], questions: int) -> list[Te
     mismatch = library.mismatch
     noise = even(mismatch)
     library.whiten(noise)
-    terms, error = _harmless(mismatch, noise, terms)
+    fold = fold_of(mismatch, terms)
+    terms, error = _harmless(mismatch, noise, terms, fold)
     while len(terms) < MOST_TERMS:
         best = best_addition(library, basis(library, noise, terms), {t.name for t in terms})
         if best is None:
             break
         trial = settle_shapes(mismatch, noise, [*terms, best.term])
-        less = rms_held_out(mismatch, noise, trial)
+        less = rms_held_out(mismatch, noise, trial, fold)
         if less > (1 - WORTH) * error:
             break
         p = p_value(whitened(mismatch, noise, trial), len(trial) - 1, mismatch.block)
@@ -234,11 +235,11 @@ def by_error(library: Library, terms: Sequence[Term], questions: int) -> list[Te
     return terms
 
 
-def _harmless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[list[Term], float]:
+def _harmless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold: Int1D) -> tuple[list[Term], float]:
     """`terms` without those that make the error on unseen folds clearly larger, and that error."""
-    kept, error = list(terms), rms_held_out(mismatch, noise, terms)
+    kept, error = list(terms), rms_held_out(mismatch, noise, terms, fold)
     while kept:
-        without = [rms_held_out(mismatch, noise, kept[:i] + kept[i + 1 :]) for i in range(len(kept))]
+        without = [rms_held_out(mismatch, noise, kept[:i] + kept[i + 1 :], fold) for i in range(len(kept))]
         i = int(np.argmin(without))
         if without[i] > (1 - WORTH) * error:
             break

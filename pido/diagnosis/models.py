@@ -19,7 +19,7 @@ from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.baseline import equation_names, equation_rows
 from pido.diagnosis.bends import Bend
-from pido.diagnosis.dynamics import Lagged, Ringing
+from pido.diagnosis.dynamics import Heated, Lagged, Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -218,6 +218,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut):
             own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut}
+        case Heated(signal=signal):
+            own["heats"] = signal
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -271,6 +273,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Ringing(str(own["rings"]), str(own["unit"]))
     if "lags" in own:
         return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]))
+    if "heats" in own:
+        return Heated(str(own["heats"]))
     if "variables" in own:
         knots = tuple(tuple(float(k) for k in ks) for ks in own["knots"])
         return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))

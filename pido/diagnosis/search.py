@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.confirm import SIGNIFICANT, plain_error
+from pido.diagnosis.confirm import SIGNIFICANT, forces_among, plain_errors
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.forms import AS_GOOD, fewest, is_whole_presliding, is_without_mean, likelier, plainest, rivals_of
@@ -44,6 +44,8 @@ _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term
 # Of a simulated weight: a constant that is less of it is the sensor's. Zeros of current sensors are good to a percent
 # of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
 _ZERO = 0.02
+
+_CONSTANT = ("sensor_offset", "gravity_load")
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
         answer.notes.append(note)
     if terms != former and not isinstance(noise, Averaged):
         noise = noise_of(mismatch, noise, terms)
-    wordy, terms = terms, plainest(library, noise, terms)
+    wordy, terms = terms, plainest(library, noise, _forces_alone(library, noise, terms))
     offered, terms = terms, confirm(library, noise, terms, answer, questions)
     if len(terms) < len(offered):
         # In plain words they may not stand up beside one another where in their own they did.
@@ -146,6 +148,18 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
     answer.delta_bic = [basis(library, noise, without(terms, i)).bic - whole for i in range(len(terms))]
     answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]
     return answer
+
+
+def _forces_alone(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
+    """`terms` without a constant beside forces over intervals, where forces found without it do as well: those that
+    last for much of the time leave a constant as their mean, and are found too small beside it."""
+    constant = next((t for t in terms if t.mechanism.id in _CONSTANT and not t.gates), None)
+    if constant is None or not forces_among(terms):
+        return terms
+    rest = [t for t in terms if t is not constant and not forces_among([t])]
+    trial = [*rest, *(s.term for s in next_in_time(library, noise, rest) if forces_among([s.term]))]
+    now, former = plain_errors(library.mismatch, trial, terms)
+    return trial if now < AS_GOOD * former else terms
 
 
 def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
@@ -219,8 +233,8 @@ def _retried(
     kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT)
     if not kept or kept == terms:
         return terms
-    more = len(kept) >= len(terms) or plain_error(library.mismatch, kept) < plain_error(library.mismatch, terms)
-    return _taken(answer, trial, kept) if more else terms
+    now, former = plain_errors(library.mismatch, kept, terms)
+    return _taken(answer, trial, kept) if len(kept) >= len(terms) or now < former else terms
 
 
 def _renamed(
@@ -232,7 +246,8 @@ def _renamed(
     stand = bool(kept) and all(is_without_mean(t) for t in other if t not in kept)
     holds = kept != terms and (stand or _as_good(library.mismatch, kept, terms))
     if [t.name for t in kept] == [t.name for t in terms]:
-        holds = holds and plain_error(library.mismatch, kept) <= plain_error(library.mismatch, terms)
+        now, former = plain_errors(library.mismatch, kept, terms)
+        holds = holds and now <= former
     return _taken(answer, trial, kept) if holds else terms
 
 
@@ -254,7 +269,8 @@ def _taken(answer: Answer, trial: Answer, kept: list[Term]) -> list[Term]:
 
 def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether no more terms leave an error on unseen folds that is hardly larger."""
-    return 0 < len(fewer) <= len(terms) and plain_error(mismatch, fewer) < AS_GOOD * plain_error(mismatch, terms)
+    now, former = plain_errors(mismatch, fewer, terms)
+    return 0 < len(fewer) <= len(terms) and now < AS_GOOD * former
 
 
 def without(terms: Sequence[Term], i: int) -> list[Term]:

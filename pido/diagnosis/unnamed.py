@@ -18,8 +18,8 @@ from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.bends import Bend, bends
-from pido.diagnosis.confirm import plain_error
-from pido.diagnosis.dynamics import Lagged, Ringing, remembering
+from pido.diagnosis.confirm import plain_errors
+from pido.diagnosis.dynamics import Heated, Lagged, Ringing, remembering
 from pido.diagnosis.flexible import Coarse, coarse, structure
 from pido.diagnosis.formulas import (
     FORMS,
@@ -52,6 +52,7 @@ _LESS_ERROR = 0.01  # of the error with names, in A on unseen folds, that a mode
 _STILL_NEEDED = 0.35  # share of its former BIC gain that a named term must keep beside an unnamed one
 _SAME = 0.97  # correlation with a mechanism of the catalogue that makes a formula that mechanism
 _EDGE = 2.0  # widths of a peak, within which it mends the edge of a box
+_EDGE_SHARE = 0.05  # of an edge, to which it is known
 _PAIRS = 10
 _SURFACES = 4  # that are asked for what they take away themselves
 _ROWS = 3_000  # of the coarse residual, on which these are compared
@@ -71,6 +72,9 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
     for start in (terms, []) if terms else (terms,):
         for found in _best(library, noise, start):
             trial = _needed(library, noise, start, found.term)
+            instead = library.score(found.term, basis(library, noise, trial[:-1]))
+            if instead is not None and is_known(library, noise, instead):
+                continue  # it is what has gone for it in other words
             tried = _charged(library, noise, trial)
             share = _share_asked(found.term, beside=len(trial) > max(1, len(terms)))
             margin = _CLEARLY + min(share, _SEPARATE_SHARE) * max(nothing.bic - best.bic, 0.0)
@@ -113,25 +117,27 @@ def clearly_less(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term
 
     Clearly is a share of the error, or of what is removed where this is little: of a faint effect all is less.
     """
-    none, former, now = (plain_error(mismatch, t) ** 2 for t in ((), terms, trial))
+    none, former, now = (error**2 for error in plain_errors(mismatch, (), terms, trial))
     return former - now > min(2 * _LESS_ERROR * former, _CLEARLY_SHARE * (none - now))
 
 
 def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether at least two terms fewer, with no more numbers, leave less error on unseen folds."""
     fewer = len(few) <= len(many) - 2 and numbers(few) <= numbers(many)
-    return fewer and plain_error(mismatch, few) < plain_error(mismatch, many)
+    now, former = plain_errors(mismatch, few, many)
+    return fewer and now < former
 
 
 def _says_the_rest_too(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether one law without a name leaves no more error on unseen folds than another one beside names."""
     halves = len(few) < len(many) and any(t.name == "unknown" for t in many)
-    return halves and plain_error(mismatch, few) <= plain_error(mismatch, many)
+    now, former = plain_errors(mismatch, few, many)
+    return halves and now <= former
 
 
 def _share_asked(unnamed: Term, beside: bool) -> float:
     """Share of what the names gain that a model without a name has to add to it."""
-    if isinstance(unnamed.mechanism, Surface) or (beside and isinstance(unnamed.mechanism, (Ringing, Lagged))):
+    if isinstance(unnamed.mechanism, Surface) or (beside and isinstance(unnamed.mechanism, (Ringing, Lagged, Heated))):
         return _CURVE_SHARE
     return _SEPARATE_SHARE if beside else _CLEARLY_SHARE
 
@@ -179,7 +185,7 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     asked = [s for s in every if frozenset(s.variables) in wanted[:_PAIRS]]
     for surface in dict.fromkeys([*asked, *_ranked_surfaces(every, known, few)[:_SURFACES]]):
         found = library.score(Term(surface).behind(library.lag), current)
-        if found is not None and found.bic < curve.bic - _CLEARLY:
+        if found is not None and found.bic < curve.bic - _CLEARLY and not is_known(library, noise, found):
             curve = found
     return [best] if curve is best else [best, curve]
 
@@ -282,17 +288,16 @@ def _at_an_edge(term: Term, beside: Sequence[Term]) -> bool:
     if not isinstance(peak, Peak):
         return False
     edges = [e for t in beside for g in t.gates if g.variable == peak.signal for e in (g.low, g.high)]
-    shape = dict(term.shape)
-    apart = np.abs(peak.place(np.array([e for e in edges if np.isfinite(e)])) - shape["c"])
-    return bool(np.any(apart < _EDGE * shape["w"]))
+    places, shape = peak.place(np.array([e for e in edges if np.isfinite(e)])), dict(term.shape)
+    return bool(np.any(np.abs(places - shape["c"]) < np.maximum(_EDGE * shape["w"], _EDGE_SHARE * np.abs(places))))
 
 
 def _quantities(term: Term) -> frozenset[str]:
     match term.mechanism:
         case Formula(factors=factors):
             return frozenset(n for n, _ in factors)
-        case Peak(signal=signal) | Bend(signal=signal) | Ringing(signal=signal) | Lagged(signal=signal):
-            return frozenset({signal})
+        case Peak() | Bend() | Ringing() | Lagged() | Heated():
+            return frozenset({term.mechanism.signal})
         case Wave(place=place, signal=signal):
             return frozenset({place, signal} - {""})
         case _:

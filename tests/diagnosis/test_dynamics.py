@@ -8,7 +8,7 @@ from scipy import signal
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.dynamics import Lagged, Ringing
+from pido.diagnosis.dynamics import Heated, Lagged, Ringing
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -125,3 +125,26 @@ def test_a_model_that_remembers_comes_back_from_its_file(term):
     expected = model.effect(np.zeros(len(state.time)), part(0), state)
     assert again.effect(np.zeros(len(state.time)), part(0), state) == pytest.approx(expected)
     assert np.std(expected) > 0
+
+
+def test_a_torque_constant_that_falls_as_the_winding_warms_is_one_law_and_no_gain():
+    tau, parts = 12.0, [part(k) for k in range(3)]
+    rng = np.random.default_rng(0)
+    states, recorded = [], []
+    for p in parts:
+        idle = np.where(p.time % 20.0 < 8.0, 0.3, 1.0)
+        current = idle * (0.4 * np.sign(p["v_x"]) + 0.1 * p["v_x"])
+        heat = np.full(len(current), current[0] ** 2)
+        for i in range(1, len(heat)):
+            heat[i] = heat[i - 1] + STEP / tau * (current[i] ** 2 - heat[i - 1])
+        states += axis_states([p.with_columns(curr_x_sim=current)], "x")
+        recorded.append(0.1 * current * heat + rng.normal(0, NOISE, len(heat)))
+    mismatch = lay_out(states, recorded)
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    library = Library(mismatch, [Term(next(m for m in CATALOGUE if m.id == "sensor_gain"))])
+    library.whiten(noise)
+    (term,), _ = with_unknown(library, noise, [library.terms[0]], 0)
+    assert term.mechanism == Heated("I_x")
+    assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.1)
+    model = AxisModel("x", NOISE, (term,), (np.array([0.1]),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)

@@ -177,6 +177,14 @@ def slowly_noisy(effect, seed=0) -> tuple[Mismatch, Noise]:
     return mismatch, estimate_noise(np.concatenate(noise), mismatch.starts, mismatch.noise_class, mismatch.usable)
 
 
+def test_forces_that_last_for_much_of_the_time_are_no_constant_beside_them():
+    long = {"p0": ((4.0, 11.0), (19.0, 24.0)), "p1": ((9.0, 17.0),), "p2": ((1.0, 6.0), (14.0, 21.0))}
+    mismatch, _ = slowly_noisy(lambda s: 0.3 * sum(((s.time > i) & (s.time < j) for i, j in long[s.part]), nothing(s)))
+    rng = np.random.default_rng(0)
+    (force,) = search(first_look(mismatch, rng), 1, False, rng).terms
+    assert force.name == "external_force"
+
+
 def test_short_forces_whose_ends_are_a_few_rows_beside_the_true_ones_are_proved():
     begins = {"p0": (2.0, 9.0, 17.0, 25.0), "p1": (4.0, 13.0, 20.0, 27.0), "p2": ()}
     mismatch, noise = slowly_noisy(
