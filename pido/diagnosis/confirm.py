@@ -194,10 +194,15 @@ def plain_errors(mismatch: Mismatch, *models: Sequence[Term]) -> tuple[float, ..
     return tuple(rms_held_out(mismatch, even(mismatch), terms, fold) for terms in models)
 
 
+def no_more_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], times: float = 1.0) -> bool:
+    """Whether the plain error of `terms` on unseen folds is at most so many times that of `others`."""
+    now, former = plain_errors(mismatch, terms, others)
+    return now <= times * former
+
+
 def less_error(mismatch: Mismatch, terms: Sequence[Term], others: Sequence[Term], share: float) -> bool:
     """Whether `terms` make the plain error on unseen folds smaller than `others` do, by more than `share` of it."""
-    now, former = plain_errors(mismatch, terms, others)
-    return now < (1 - share) * former
+    return not no_more_error(mismatch, others, terms, 1 / (1 - share))
 
 
 def paired_p(gain: Float1D, mismatch: Mismatch, rows: Bool1D | None = None) -> float:

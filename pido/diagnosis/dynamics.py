@@ -188,7 +188,7 @@ def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple
 
 
 def _late(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple[str, str]]:
-    for name in (f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp", "coolant"):
+    for name in (f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp"):
         if name in known:
             yield name, "u"
             if known[name][0].min() < 0 < known[name][0].max():

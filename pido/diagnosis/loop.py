@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pido.diagnosis.confirm import even, less_error, plain_errors
+from pido.diagnosis.confirm import even, less_error, no_more_error
 from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.forms import AS_GOOD
@@ -53,8 +53,7 @@ def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
         trials = [_behind_one(mismatch, noise, [*chosen, form]) for t in left for form in _at_rest(t)]
         chosen = settle_shapes(mismatch, noise, min(trials, key=lambda trial: trial[0])[1])
         left = [t for t in left if t.name != chosen[-1].name]
-        now, error = plain_errors(mismatch, chosen, terms)
-        if now < AS_GOOD * error:
+        if no_more_error(mismatch, chosen, terms, AS_GOOD):
             lag = max(t.lag for t in chosen)
             if lag < _SHORTEST * mismatch.step:
                 return 0.0

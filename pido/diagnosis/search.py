@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.confirm import SIGNIFICANT, forces_among, plain_errors
+from pido.diagnosis.confirm import SIGNIFICANT, forces_among, less_error, no_more_error
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.forms import AS_GOOD, fewest, is_whole_presliding, is_without_mean, likelier, plainest, rivals_of
@@ -158,8 +158,7 @@ def _forces_alone(library: Library, noise: Noise, terms: list[Term]) -> list[Ter
         return terms
     rest = [t for t in terms if t is not constant and not forces_among([t])]
     trial = [*rest, *(s.term for s in next_in_time(library, noise, rest) if forces_among([s.term]))]
-    now, former = plain_errors(library.mismatch, trial, terms)
-    return trial if now < AS_GOOD * former else terms
+    return trial if no_more_error(library.mismatch, trial, terms, AS_GOOD) else terms
 
 
 def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:
@@ -233,8 +232,8 @@ def _retried(
     kept, trial = _confirmed(library, noise, other, terms, questions, SIGNIFICANT)
     if not kept or kept == terms:
         return terms
-    now, former = plain_errors(library.mismatch, kept, terms)
-    return _taken(answer, trial, kept) if len(kept) >= len(terms) or now < former else terms
+    more = len(kept) >= len(terms) or less_error(library.mismatch, kept, terms, 0.0)
+    return _taken(answer, trial, kept) if more else terms
 
 
 def _renamed(
@@ -246,8 +245,7 @@ def _renamed(
     stand = bool(kept) and all(is_without_mean(t) for t in other if t not in kept)
     holds = kept != terms and (stand or _as_good(library.mismatch, kept, terms))
     if [t.name for t in kept] == [t.name for t in terms]:
-        now, former = plain_errors(library.mismatch, kept, terms)
-        holds = holds and now <= former
+        holds = holds and no_more_error(library.mismatch, kept, terms)
     return _taken(answer, trial, kept) if holds else terms
 
 
@@ -269,8 +267,7 @@ def _taken(answer: Answer, trial: Answer, kept: list[Term]) -> list[Term]:
 
 def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether no more terms leave an error on unseen folds that is hardly larger."""
-    now, former = plain_errors(mismatch, fewer, terms)
-    return 0 < len(fewer) <= len(terms) and now < AS_GOOD * former
+    return 0 < len(fewer) <= len(terms) and no_more_error(mismatch, fewer, terms, AS_GOOD)
 
 
 def without(terms: Sequence[Term], i: int) -> list[Term]:

@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.bends import Bend, bends
-from pido.diagnosis.confirm import plain_errors
+from pido.diagnosis.confirm import less_error, no_more_error, plain_errors
 from pido.diagnosis.dynamics import Heated, Lagged, Ringing, remembering
 from pido.diagnosis.flexible import Coarse, coarse, structure
 from pido.diagnosis.formulas import (
@@ -124,15 +124,13 @@ def clearly_less(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term
 def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether at least two terms fewer, with no more numbers, leave less error on unseen folds."""
     fewer = len(few) <= len(many) - 2 and numbers(few) <= numbers(many)
-    now, former = plain_errors(mismatch, few, many)
-    return fewer and now < former
+    return fewer and less_error(mismatch, few, many, 0.0)
 
 
 def _says_the_rest_too(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether one law without a name leaves no more error on unseen folds than another one beside names."""
     halves = len(few) < len(many) and any(t.name == "unknown" for t in many)
-    now, former = plain_errors(mismatch, few, many)
-    return halves and now <= former
+    return halves and no_more_error(mismatch, few, many)
 
 
 def _share_asked(unnamed: Term, beside: bool) -> float:

@@ -10,11 +10,13 @@ from scipy.signal import lfilter
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.bends import Bend
+from pido.diagnosis.confirm import even
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
 from pido.diagnosis.forms import rivals_of
 from pido.diagnosis.formulas import Formula, Peak
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library, basis
+from pido.diagnosis.loop import answered
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
@@ -335,6 +337,22 @@ def test_what_has_no_name_passes_the_loop_of_the_drive_as_laws_do():
     (term,), _ = with_unknown(library, noise, [], seed=0)
     assert (term.mechanism, term.lag) == (Peak("v_x", "mm/s", even=False, odd=True), 0.1)
     assert dict(term.shape)["c"] == pytest.approx(6.0, abs=0.1)
+
+
+def test_coolant_whose_pump_takes_time_is_coolant_behind_a_lag():
+    def watered():
+        for k, recording in enumerate(recordings(rows=3000)):
+            t = recording.time
+            on = sum((t > b + k) & (t < e + 2 * k) for b, e in ((4, 13), (20, 33), (41, 52)))
+            yield recording.with_columns(coolant=np.asarray(on, float))
+
+    states, rng = axis_states(list(watered()), "x"), np.random.default_rng(1)
+    late = [answered_late(s.coolant[None], s.time, 0.5)[0] for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, 0.1, len(e)) for e in late])
+    terms = search(first_look(mismatch, rng), 1, False, rng).terms
+    (term,) = answered(mismatch, even(mismatch), terms)
+    assert term.name == "coolant_load"
+    assert term.lag == pytest.approx(0.5, rel=0.1)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
