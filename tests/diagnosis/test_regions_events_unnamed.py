@@ -12,7 +12,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.confirm import even
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
-from pido.diagnosis.forms import rivals_of
+from pido.diagnosis.forms import plainest, rivals_of
 from pido.diagnosis.formulas import Formula, Peak
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library, basis
@@ -337,6 +337,15 @@ def test_what_has_no_name_passes_the_loop_of_the_drive_as_laws_do():
     (term,), _ = with_unknown(library, noise, [], seed=0)
     assert (term.mechanism, term.lag) == (Peak("v_x", "mm/s", even=False, odd=True), 0.1)
     assert dict(term.shape)["c"] == pytest.approx(6.0, abs=0.1)
+
+
+def test_a_drift_in_a_box_that_does_not_drift_only_mends_the_same_steady_law():
+    drift, coulomb = (next(m for m in CATALOGUE if m.id == i) for i in ("thermal_drift", "coulomb_friction"))
+    friction = Term(coulomb, (("rest", 0.0),))
+    mismatch, noise = laid_out(lambda s: 0.3 * np.arctan(s.v / 0.4) * 2 / np.pi)
+    near = (Gate("v_x", low=-1.0), Gate("v_x", high=1.0))
+    steady = Term(drift, (("tau", 5_000.0), ("clock", 0.0), ("along", 1.0), ("rises", 0.0)), near)
+    assert plainest(library_of(mismatch, noise, friction), noise, [friction, steady]) == [friction]
 
 
 def test_coolant_whose_pump_takes_time_is_coolant_behind_a_lag():
