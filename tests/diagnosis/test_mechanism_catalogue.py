@@ -143,6 +143,12 @@ def test_friction_without_memory_draws_no_current_at_rest_and_turns_with_the_mot
     np.testing.assert_allclose(mechanism.regressors(other, **shape), -mechanism.regressors(one, **shape), atol=1e-12)
 
 
+@pytest.mark.parametrize(("axis", "forms_at_rest"), [("x", 3), ("sp", 1)])
+def test_a_spindle_that_stands_holds_no_friction(axis, forms_at_rest):
+    coulomb = next(m for m in CATALOGUE if m.id == "coulomb_friction")
+    assert len({shape["rest"] for shape in coulomb.starts([axis_state(recording(), axis)])}) == forms_at_rest
+
+
 def test_a_mechanism_says_why_the_data_cannot_show_it():
     bare = recording()
     still = Recording(bare.part, {"time": bare.time, "v_x": 0 * bare.time})

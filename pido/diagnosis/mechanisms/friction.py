@@ -70,6 +70,11 @@ class CoulombFriction(Mechanism):
     def regressors(self, state, *, rest=0.0):
         return column(direction(state, rest))
 
+    def starts(self, states):
+        """A spindle that stands holds nothing: what it draws at rest is no friction."""
+        held = states[0].axis in LINEAR_AXES
+        return tuple(shape for shape in super().starts(states) if held or shape["rest"] == 0.0)
+
     def equation_in(self, axis, shape):
         return f"dI = F_c * sgn(v), {at_rest(shape.get('rest', 0.0))}"
 
