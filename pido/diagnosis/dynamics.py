@@ -87,8 +87,23 @@ class Ringing(Unnamed):
         return {"f": max(_SLOWEST_HZ, float(shape["f"] * np.exp(2 * shape["zeta"] * by[0]))), "zeta": zeta}
 
 
+class _Late(Unnamed):
+    """What answers through a first order lag of tau."""
+
+    longest: ClassVar[float] = np.inf  # s
+    passes_loop: ClassVar[bool] = False
+    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        return shape[name] / 2, shape[name] * 2
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in powers of e."""
+        return {"tau": min(self.longest, float(shape["tau"] * np.exp(np.clip(by[0], -3, 3))))}
+
+
 @dataclass(frozen=True)
-class Lagged(Unnamed):
+class Lagged(_Late):
     """A quantity that acts late: dI = k * p(u) / (1 + tau s). What acts at once has a name or is a formula.
 
     by_cut : with another coefficient while the tool cuts
@@ -99,8 +114,7 @@ class Lagged(Unnamed):
     unit: str
     by_cut: bool = False
 
-    passes_loop: ClassVar[bool] = False
-    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
+    longest: ClassVar[float] = _LONGEST_S
 
     @property
     def equation(self) -> str:  # type: ignore[override]
@@ -123,16 +137,9 @@ class Lagged(Unnamed):
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"following {self.signal} {shape['tau']:.3g} s late", ()
 
-    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
-        return shape[name] / 2, shape[name] * 2
-
-    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
-        """The shape a step away; `by` is in powers of e."""
-        return {"tau": min(_LONGEST_S, float(shape["tau"] * np.exp(np.clip(by[0], -3, 3))))}
-
 
 @dataclass(frozen=True)
-class Heated(Unnamed):
+class Heated(_Late):
     """A current that is off as far as its own losses have warmed the winding: dI = k * I * I² / (1 + tau s).
 
     Source: first-order thermal model of a motor, whose torque constant falls with its temperature.
@@ -140,9 +147,7 @@ class Heated(Unnamed):
 
     signal: str
 
-    passes_loop: ClassVar[bool] = False
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "1/A²"),)
-    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
 
     @property
     def equation(self) -> str:  # type: ignore[override]
@@ -154,13 +159,6 @@ class Heated(Unnamed):
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"in proportion to the current, growing with its losses of the last {shape['tau']:.3g} s", ()
-
-    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
-        return shape[name] / 2, shape[name] * 2
-
-    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
-        """The shape a step away; `by` is in powers of e."""
-        return {"tau": float(shape["tau"] * np.exp(np.clip(by[0], -3, 3)))}
 
 
 def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple[Float1D, str]]) -> list[Term]:

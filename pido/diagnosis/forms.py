@@ -25,6 +25,7 @@ from pido.diagnosis.select import refine, shortlist_of
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
 
+CONSTANT = ("gravity_load", "sensor_offset")  # a weight and a zero: the same on an axis that stands upright
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
 _HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_friction"})
 VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, friction is steady before it is uneven
@@ -163,7 +164,7 @@ def _misses(
         if not acts.any():
             continue
         none, left, whole = (float(np.mean(x[acts])) for x in squares)
-        worse = one.mechanism.id in _STEADY[0] and whole < (1 - _WORSE) ** 2 * left
+        worse = one.mechanism.id in CONSTANT and whole < (1 - _WORSE) ** 2 * left
         if worse or not _lacks_little(none, left, whole, _MISSED):
             return True
     return False
@@ -240,11 +241,7 @@ def is_without_mean(term: Term) -> bool:
 
 
 # What a drift is where it does not drift, in the order of its choice `along`.
-_STEADY = (
-    ("gravity_load", "sensor_offset"),
-    ("coulomb_friction",),
-    ("viscous_friction", "spindle_viscous_drag"),
-)
+_STEADY = (CONSTANT, ("coulomb_friction",), ("viscous_friction", "spindle_viscous_drag"))
 
 
 def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
@@ -347,7 +344,7 @@ def _says_more(library: Library, terms: Sequence[Term], i: int, rival: Term) -> 
     if numbers([rival]) <= numbers([terms[i]]):
         return False
     rest = [t for k, t in enumerate(terms) if k != i]
-    lacks = MISFIT_PLAIN if terms[i].mechanism.id in _STEADY[0] else MISFIT
+    lacks = MISFIT_PLAIN if terms[i].mechanism.id in CONSTANT else MISFIT
     return _lacks_little(*_left(library.mismatch, rest, terms, [*rest, rival]), share=lacks)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pido.diagnosis.confirm import even, less_error, no_more_error
+from pido.diagnosis.confirm import even, less_error, plain_error
 from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.forms import AS_GOOD
@@ -49,11 +49,12 @@ def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
     noise = even(mismatch)
     chosen = [t for t in terms if t.mechanism.kind == "data_fault" or t.name == "external_force"]
     left = [t for t in terms if _passes(t) and t.name != "unknown"]
+    all_at_once = plain_error(mismatch, terms) if left else 0.0  # the same forces are among those that are chosen
     while left:
         trials = [_behind_one(mismatch, noise, [*chosen, form]) for t in left for form in _at_rest(t)]
         chosen = settle_shapes(mismatch, noise, min(trials, key=lambda trial: trial[0])[1])
         left = [t for t in left if t.name != chosen[-1].name]
-        if no_more_error(mismatch, chosen, terms, AS_GOOD):
+        if plain_error(mismatch, chosen) <= AS_GOOD * all_at_once:
             lag = max(t.lag for t in chosen)
             if lag < _SHORTEST * mismatch.step:
                 return 0.0

@@ -265,8 +265,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "waves" in own:
         return Wave(str(own["waves"]), str(own["signal"]), str(own["unit"]))
     if "signal" in own:
-        flags = (bool(own.get(flag)) for flag in ("even", "odd", "wide"))
-        return Peak(str(own["signal"]), str(own["unit"]), *flags)
+        later = (bool(own.get(flag)) for flag in ("odd", "wide"))  # models of before do not have
+        return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), *later)
     if "bends" in own:
         return Bend(str(own["bends"]), (float(own["seen"][0]), float(own["seen"][1])))
     if "rings" in own:

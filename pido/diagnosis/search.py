@@ -17,7 +17,16 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, forces_among, less_error, no_more_error
 from pido.diagnosis.contained import Component, contained
 from pido.diagnosis.finding import Rejected
-from pido.diagnosis.forms import AS_GOOD, fewest, is_whole_presliding, is_without_mean, likelier, plainest, rivals_of
+from pido.diagnosis.forms import (
+    AS_GOOD,
+    CONSTANT,
+    fewest,
+    is_whole_presliding,
+    is_without_mean,
+    likelier,
+    plainest,
+    rivals_of,
+)
 from pido.diagnosis.identify import (
     SIGNIFICANT_NAME,
     Answer,
@@ -44,8 +53,6 @@ _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term
 # Of a simulated weight: a constant that is less of it is the sensor's. Zeros of current sensors are good to a percent
 # of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
 _ZERO = 0.02
-
-_CONSTANT = ("sensor_offset", "gravity_load")
 
 
 @dataclass(frozen=True)
@@ -153,7 +160,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
 def _forces_alone(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
     """`terms` without a constant beside forces over intervals, where forces found without it do as well: those that
     last for much of the time leave a constant as their mean, and are found too small beside it."""
-    constant = next((t for t in terms if t.mechanism.id in _CONSTANT and not t.gates), None)
+    constant = next((t for t in terms if t.mechanism.id in CONSTANT and not t.gates), None)
     if constant is None or not forces_among(terms):
         return terms
     rest = [t for t in terms if t is not constant and not forces_among([t])]
