@@ -1,142 +1,26 @@
 """Draws sealed cases of the stranger's machines, asks `pido` blind, opens the truth, and prints what came of it.
 
-    python -m benchmarks.stranger --cases 50 --seed 1 --workers 2 --out out/stranger
-    python -m benchmarks.stranger --cases 50 --seed 1 --from 10 --to 20 --out out/stranger   some of the same cases
-    python -m benchmarks.stranger --cases 50 --seed 1 --draw out/drawn                      only the cases
-
-Rows are kept per case under a digest of all code that decides them: a run that was stopped goes on where it was.
+python -m benchmarks.stranger --cases 50 --seed 1 --workers 2 --out out/stranger
+python -m benchmarks.stranger --cases 50 --seed 1 --from 10 --to 20 --out out/stranger   some of the same cases
+python -m benchmarks.stranger --cases 50 --seed 1 --draw out/drawn                      only the cases
 """
-
-# pandas annotates a column as an array, and a selection of rows as a table or a column
-# pyright: reportAttributeAccessIssue=false, reportArgumentType=false, reportReturnType=false
 
 from __future__ import annotations
 
-import hashlib
-import json
-import shutil
-from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-import click
-import pandas as pd
-
+from benchmarks.sealed_cases import Generator, command
+from benchmarks.sealed_truth import Task
 from benchmarks.stranger.cases import draw_case, plan
 from benchmarks.stranger.files import write_case
-from benchmarks.stranger.sealed import Task
-from pido.core.errors import PidoError
-from pido.experiments.concealed import code_digest, each_once, in_a_process, rates, tool
-from pido.experiments.judged import judge
-
-ROOT = Path(__file__).parents[2]
 
 
-def solve(task: Task, folder: Path) -> dict[str, Any]:
-    """Draw, seal, ask, open: one row. An answer that did not come is a row with its error."""
-    work, sealed = folder / "work" / task.key, folder / "sealed" / task.key
-    for place in (work, sealed):
-        shutil.rmtree(place, ignore_errors=True)
-    parts = write_case(draw_case(task), work, sealed)
-    about = {"case": task.key, "error": "", "group": task.group, "strength": task.strength, "seed": task.seed}
-    try:
-        answer = tool(parts[:-1], parts[-1], work)
-    except PidoError as error:
-        return {**about, "error": str(error)[-500:]}
-    truth = json.loads((sealed / "truth.json").read_text(encoding="utf-8"))
-    row = judge(answer, truth, sealed, parts[-1].name)
-    for place in (work, sealed):
-        shutil.rmtree(place)
-    return {**about, "plant": truth["machine"], **row}
+def write(task: Task, folder: Path, sealed: Path) -> list[Path]:
+    """The part folders, the unseen one last, and the truth in `sealed`."""
+    return write_case(draw_case(task), folder, sealed)
 
 
-def examine(tasks: Sequence[Task], folder: Path, workers: int) -> pd.DataFrame:
-    """One row per case; what `folder` holds from an earlier run of the same code is not asked again."""
-    kept, under = folder / "rows", digest()
-    kept.mkdir(parents=True, exist_ok=True)
-    files = {t: kept / f"{t.key}-{under}.json" for t in tasks}
-
-    def ask(task: Task) -> dict[str, Any]:
-        about, said = f"{task.group}, case {task.key}", json.dumps(asdict(task))
-        return in_a_process(about, "benchmarks.stranger", "--one", said, "--out", str(folder), place=ROOT)
-
-    def tell(done: int, of: int, task: Task | None) -> None:
-        if task is not None:
-            click.echo(f"{done} of {of}: {task.group}", err=True)
-
-    table = pd.DataFrame(each_once(files, ask, workers, tell))
-    table.to_parquet(folder / "cases.parquet", index=False)
-    return table
-
-
-def digest() -> str:
-    """Of the tool, of how it is judged, and of everything here."""
-    text = hashlib.sha256(code_digest().encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        text.update(path.read_bytes())
-    return text.hexdigest()[:10]
-
-
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """By group, singles by strength, and where the tool was wrong."""
-    good = rows[rows["error"] == ""].copy()
-    for name in ("auc", "removed"):
-        good[name] = pd.to_numeric(good.get(name, pd.Series(float("nan"), good.index)))
-    single = good[good["group"] == "single"]
-    wrong = good[good["first"].isin([False]) | (good["false"] > 0)]
-    return {
-        "By group": pd.DataFrame([{"group": g, **rates(of)} for g, of in good.groupby("group")]),
-        "Single effects by strength": pd.DataFrame(
-            [{"strength": s, **rates(of)} for s, of in single.groupby("strength")]
-        ),
-        "Where it was wrong": wrong[["case", "group", "strength", "plant", "truth", "said"]],
-        "Without an answer": rows.loc[rows["error"] != "", ["case", "group", "error"]],
-    }
-
-
-def only_draw(tasks: Sequence[Task], first: int, folder: Path) -> None:
-    """`case_000`, ... with the part folders, the last one unseen; the truth of each in `truth/case_000`."""
-    for k, task in enumerate(tasks, start=first):
-        name = f"case_{k:03d}"
-        for place in (folder / name, folder / "truth" / name):
-            shutil.rmtree(place, ignore_errors=True)
-        parts = write_case(draw_case(task), folder / name, folder / "truth" / name)
-        click.echo(f"{name}: {len(parts)} parts", err=True)
-
-
-@click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--cases", default=50, show_default=True, help="how many are planned")
-@click.option("--seed", default=1, show_default=True)
-@click.option("--from", "first", default=0, show_default=True, help="first case of the plan to ask")
-@click.option("--to", "last", type=int, help="the case before which to stop  [default: all]")
-@click.option("--workers", default=1, show_default=True, help="cases at a time, each in a process with one thread")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/stranger"), show_default=True)
-@click.option("--draw", "drawn", type=click.Path(path_type=Path), help="only write the cases and their truth here")
-@click.option("--one", hidden=True)
-def main(
-    cases: int, seed: int, first: int, last: int | None, workers: int, out: Path, drawn: Path | None, one: str | None
-) -> None:
-    """Examine `pido diagnose` and `pido correct` on machines that share no formula with them.
-
-    \b
-    python -m benchmarks.stranger --cases 50 --seed 1 --workers 2 --out out/stranger
-    """
-    if one:
-        click.echo(json.dumps(solve(Task(**json.loads(one)), out)))
-        return
-    tasks = plan(cases, seed)[first:last]
-    if drawn:
-        only_draw(tasks, first, drawn)
-        return
-    try:
-        rows = examine(tasks, out.resolve(), workers)
-    except PidoError as error:
-        raise click.ClickException(str(error)) from None
-    for title, table in tables(rows).items():
-        if len(table):
-            click.echo(f"\n{title}\n{table.to_string(index=False)}")
-
+STRANGER = Generator("benchmarks.stranger", "machines that share no formula with them", plan, write)
 
 if __name__ == "__main__":
-    main()
+    command(STRANGER)()

@@ -6,14 +6,13 @@ sealed folder `truth.json` with, per part, `effect_<axis>` (A) and `acts_<axis>`
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
+from benchmarks.sealed_truth import name_of, write_truth
 from benchmarks.stranger.fairness import acting
 from benchmarks.stranger.parts import Part
 from benchmarks.stranger.sealed import Case
@@ -35,32 +34,10 @@ def write_case(case: Case, folder: Path, sealed: Path) -> list[Path]:
         for a in AXES:
             columns |= {f"curr_{a}": case.recorded[a][k], f"curr_{a}_sim": case.sim[a][k]}
         places.append(write_folder(Recording(info, columns), folder / info.part))
-    _write_truth(case, sealed)
-    return places
-
-
-def name_of(k: int) -> str:
-    return f"p{k + 1:02d}"
-
-
-def _write_truth(case: Case, sealed: Path) -> None:
-    sealed.mkdir(parents=True, exist_ok=True)
+    machine = case.parts[0].plant.family.name
     acts = {a: _acting(case, a) for a in AXES}
-    for k in range(len(case.parts)):
-        table = {f"effect_{a}": case.effect[a][k] for a in AXES} | {f"acts_{a}": acts[a][k] for a in AXES}
-        pd.DataFrame(table).to_parquet(sealed / f"{name_of(k)}.parquet", index=False)
-    effects = [
-        {
-            "axis": e.axis, "mechanism": e.mechanism, "kind": e.kind, "shape": dict(e.shape), "strength": e.strength,
-            "parameters": {n: {"value": value, "unit": unit} for n, (value, unit) in e.parameters.items()},
-        }
-        for e in case.effects
-    ]  # fmt: skip
-    task = case.task
-    truth = {"group": task.group, "what": task.what, "strength": task.strength, "seed": task.seed,
-             "machine": case.parts[0].plant.family.name, "unseen": name_of(len(case.parts) - 1),
-             "effects": effects}  # fmt: skip
-    (sealed / "truth.json").write_text(json.dumps(truth, indent=1, ensure_ascii=False, default=float), encoding="utf-8")
+    write_truth(sealed, case.task, machine, case.effects, case.effect, acts)
+    return places
 
 
 def _acting(case: Case, axis: str) -> list[Array1D]:

@@ -7,7 +7,6 @@ where a servo lag, if the plant has one, has passed over simulation and effects 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,49 +14,17 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
+from benchmarks.sealed_truth import Effect, Task
 from benchmarks.stranger.law import Columns, World
 from benchmarks.stranger.machine import Plant
 from benchmarks.stranger.parts import Part, term, thinned
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES
-from pido.core.errors import PidoError
 
 NEEDS_FACTS = (
     "gravity_load", "edge_force", "tool_wear", "material_hard_zone", "thermal_drift", "sensor_offset", "coolant_load",
 )  # fmt: skip
 """What cannot be told without part.json (tools, operations, workpiece, clock, vertical axis)."""
-
-
-class UnfairError(PidoError):
-    """A draw that nobody could decide."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """What to draw; the key names its files and says nothing."""
-
-    group: str
-    what: str
-    strength: float
-    seed: int
-
-    @property
-    def key(self) -> str:
-        said = f"{self.group}|{self.what}|{self.strength}|{self.seed}"
-        return hashlib.sha256(said.encode()).hexdigest()[:12]
-
-
-@dataclass(frozen=True, eq=False)
-class Effect:
-    """What is concealed. columns : per part (n,), A, at the fine step, without lag; strength : rms over noise"""
-
-    axis: str
-    mechanism: str
-    kind: str
-    columns: Columns
-    parameters: Mapping[str, tuple[float, str]]
-    shape: Mapping[str, Any]
-    strength: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +101,3 @@ def facts(effects: Sequence[Effect], rng: np.random.Generator) -> tuple[bool, li
     rich = bool(needs & set(NEEDS_FACTS)) or rng.random() < 0.5
     by_chance = [name for name in ("nc_line", "tool_id", "coolant") if rng.random() < 0.5]
     return rich, ["nc_line", "tool_id", "coolant"] if rich else by_chance
-
-
-def require_fair(fair: bool, why: str) -> None:
-    """UnfairError where a draw is not."""
-    if not fair:
-        raise UnfairError(why)

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.sealed_truth import Task
 from benchmarks.stranger.cases import MENU, SHARES, Size, draw_case, plan
 from benchmarks.stranger.fairness import acting
 from benchmarks.stranger.files import write_case
-from benchmarks.stranger.sealed import Case, Task
+from benchmarks.stranger.sealed import Case
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT, CURRENT_SIM, MOTION, PROCESS, TIME, UNITS
 from pido.recordings import read_recording

@@ -1,0 +1,92 @@
+"""What all generators of sealed cases say in the same words: a task, an effect, an unfair draw, the files of a truth.
+
+The truth of a case is `truth.json` and, per part, a table with `effect_<axis>` (A) and `acts_<axis>`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pido.core.arrays import Array1D, Float1D
+from pido.core.axes import AXES
+from pido.core.errors import PidoError
+
+
+class UnfairError(PidoError):
+    """A draw that nobody could decide."""
+
+
+def require_fair(fair: bool, why: str) -> None:
+    """UnfairError where a draw is not."""
+    if not fair:
+        raise UnfairError(why)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to draw; the key names its files and says nothing."""
+
+    group: str
+    what: str
+    strength: float
+    seed: int
+
+    @property
+    def key(self) -> str:
+        said = f"{self.group}|{self.what}|{self.strength}|{self.seed}"
+        return hashlib.sha256(said.encode()).hexdigest()[:12]
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """What is concealed. columns : per part (n,), A, at the fine step, without lag; strength : rms over noise"""
+
+    axis: str
+    mechanism: str
+    kind: str
+    columns: Sequence[Float1D]
+    parameters: Mapping[str, tuple[float, str]]
+    shape: Mapping[str, Any]
+    strength: float
+
+
+def name_of(k: int) -> str:
+    """Of the part with index k.
+
+    >>> name_of(0)
+    'p01'
+    """
+    return f"p{k + 1:02d}"
+
+
+def write_truth(
+    sealed: Path,
+    task: Task,
+    machine: str,
+    effects: Sequence[Effect],
+    effect: Mapping[str, Sequence[Float1D]],
+    acts: Mapping[str, Sequence[Array1D]],
+) -> None:
+    """`truth.json` and a table per part, the last one unseen. effect, acts : per axis and part (n,), A and bool"""
+    sealed.mkdir(parents=True, exist_ok=True)
+    parts = len(effect[AXES[0]])
+    for k in range(parts):
+        table = {f"effect_{a}": effect[a][k] for a in AXES} | {f"acts_{a}": acts[a][k] for a in AXES}
+        pd.DataFrame(table).to_parquet(sealed / f"{name_of(k)}.parquet", index=False)
+    said = [
+        {
+            "axis": e.axis, "mechanism": e.mechanism, "kind": e.kind, "shape": dict(e.shape), "strength": e.strength,
+            "parameters": {n: {"value": value, "unit": unit} for n, (value, unit) in e.parameters.items()},
+        }
+        for e in effects
+    ]  # fmt: skip
+    truth = {"group": task.group, "what": task.what, "strength": task.strength, "seed": task.seed,
+             "machine": machine, "unseen": name_of(parts - 1), "effects": said}  # fmt: skip
+    (sealed / "truth.json").write_text(json.dumps(truth, indent=1, ensure_ascii=False, default=float), encoding="utf-8")
