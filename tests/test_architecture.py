@@ -86,10 +86,13 @@ def test_nobody_but_experiments_and_the_demo_uses_the_synthetic_machine():
         assert not any(name.startswith("pido.synthetic") for name in _imports(path)), place
 
 
-def test_the_strangers_machine_shares_no_formula_with_what_it_examines():
-    for path in _modules(ROOT / "benchmarks" / "stranger"):
-        own = {name for name in _imports(path) if name.startswith("pido.")}
+@pytest.mark.parametrize(("generator", "other"), [("stranger", "newcomer"), ("newcomer", "stranger")])
+def test_a_generator_of_cases_shares_no_formula_with_what_it_examines_nor_with_another_one(generator, other):
+    for path in _modules(ROOT / "benchmarks" / generator):
+        names = _imports(path)
+        own = {name for name in names if name.startswith("pido.")}
         assert all(name.startswith(("pido.core", "pido.recordings", "pido.experiments")) for name in own), path.name
+        assert not any(name.startswith(f"benchmarks.{other}") for name in names), path.name
 
 
 def test_every_layer_of_the_table_exists():

@@ -1,0 +1,29 @@
+"""Draws sealed cases of the newcomer's machines, asks `pido` blind, opens the truth, and prints what came of it.
+
+python -m benchmarks.newcomer --cases 50 --seed 1 --workers 2 --out out/newcomer
+python -m benchmarks.newcomer --cases 50 --seed 1 --from 10 --to 20 --out out/newcomer   some of the same cases
+python -m benchmarks.newcomer --cases 50 --seed 1 --draw out/drawn                       only the cases
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.newcomer.draw import draw_case
+from benchmarks.newcomer.folders import write_case
+from benchmarks.newcomer.planned import plan
+from benchmarks.sealed_cases import Generator, command
+from benchmarks.sealed_truth import Task
+
+
+def write(task: Task, folder: Path, sealed: Path) -> list[Path]:
+    """The part folders, the unseen one last, and the truth in `sealed`."""
+    return write_case(draw_case(task), folder, sealed)
+
+
+NEWCOMER = Generator(
+    "benchmarks.newcomer", "seven further kinds of machines that share no formula with them", plan, write
+)
+
+if __name__ == "__main__":
+    command(NEWCOMER)()

@@ -1,0 +1,62 @@
+"""Noise of a current: correlated in time, larger where the axis moves or cuts, and a converter's steps.
+
+In:  parts at the logged samples, an axis, the size. Out: `Noise`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from benchmarks.newcomer.parts import Part
+from benchmarks.newcomer.world import Columns, number
+from pido.core.arrays import Bool1D, Float1D
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """rows : per part (n,), A, before rounding; step : A, of the converter; independent : share of such rows, –"""
+
+    rows: Columns
+    step: float
+    independent: float
+
+    def rms(self, where: Sequence[Bool1D]) -> float:
+        """A, rounding included, in the rows that masks of the first parts select."""
+        rows = np.concatenate([r[w] for r, w in zip(self.rows, where, strict=False)])
+        return float(np.sqrt(np.mean(rows**2) + self.step**2 / 12)) if len(rows) else 0.0
+
+    def times(self, factor: float) -> Noise:
+        return replace(self, rows=[factor * r for r in self.rows], step=factor * self.step)
+
+
+def draw_noise(parts: Sequence[Part], axis: str, size: float, rng: np.random.Generator) -> Noise:
+    """size : A, rms of an axis that rests"""
+    machine = parts[0].machine
+    tau, slow_tau = float(np.exp(rng.uniform(np.log(0.008), np.log(0.12)))), float(rng.uniform(0.3, 1.2))
+    shares = rng.dirichlet([4.0, 4.0, 1.0])  # white, short, long
+    moves, cuts = float(rng.uniform(0, 0.8)), float(rng.uniform(0.1, 1.2))
+    rows = [_state(p, axis, moves, cuts) * size * _coloured(len(p.t), machine.rate, (tau, slow_tau), shares, rng)
+            for p in parts]  # fmt: skip
+    spread = 1 + 2 * machine.rate * (shares[1] ** 2 * tau + shares[2] ** 2 * slow_tau)
+    return Noise(rows, size * float(rng.uniform(*machine.kind.steps)), float(1 / spread))
+
+
+def _coloured(n: int, rate: float, taus: tuple[float, float], shares: Float1D, rng: np.random.Generator) -> Float1D:
+    """(n,), rms one: white noise and two of first order."""
+    total = np.sqrt(shares[0]) * rng.normal(size=n)
+    for tau, share in zip(taus, shares[1:], strict=True):
+        keep = float(np.exp(-1 / (rate * tau)))
+        raw = lfilter([np.sqrt(1 - keep**2)], [1, -keep], rng.normal(size=n), zi=[keep * rng.normal()])[0]
+        total += np.sqrt(share) * raw
+    return total
+
+
+def _state(part: Part, axis: str, moves: float, cuts: float) -> Float1D:
+    """(n,), from 1: how much noisier it is here than at rest."""
+    v = part.v_sp if axis == "sp" else part.v[:, number(axis)]
+    fast = float(np.quantile(np.abs(v), 0.95)) or 1.0
+    return 1 + moves * np.minimum(np.abs(v) / fast, 1.5) + cuts * part.engaged
