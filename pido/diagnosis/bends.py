@@ -23,10 +23,15 @@ from pido.diagnosis.state import AxisState
 
 @dataclass(frozen=True)
 class Bend(Unnamed):
-    """A parabola over one quantity, within the range in which it was seen; its three numbers are in A."""
+    """A parabola over one quantity, within the range in which it was seen; its three numbers are in A.
+
+    turns : signal with whose sign it turns, as a friction does that changes with what another axis or the spindle does;
+        '' for none
+    """
 
     signal: str
     seen: tuple[float, float]
+    turns: str = ""
 
     amplitudes: ClassVar[tuple[Parameter, ...]] = tuple(Parameter(f"g_{i}", "A") for i in range(3))
     shape: ClassVar[tuple[Parameter, ...]] = ()
@@ -34,26 +39,37 @@ class Bend(Unnamed):
     @property
     def equation(self) -> str:  # type: ignore[override]
         middle, half = _scale(self.seen)
-        return f"dI = g_0 + g_1 * w + g_2 * w^2, w = ({self.signal} - {middle:.4g}) / {half:.4g}"
+        powers = "g_0 + g_1 * w + g_2 * w^2"
+        powers = f"({powers}) * sgn({self.turns})" if self.turns else powers
+        return f"dI = {powers}, w = ({self.signal} - {middle:.4g}) / {half:.4g}"
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         low, high = self.seen
-        return f"depending on {self.signal} from {low:.3g} to {high:.3g}", ()
+        turning = f", turning with {self.turns}" if self.turns else ""
+        return f"depending on {self.signal} from {low:.3g} to {high:.3g}{turning}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        return _powers(signals(state, [self.signal])[self.signal][0], self.seen)
+        return self.over(signals(state, {self.signal, self.turns} - {""}))
+
+    def over(self, known: Mapping[str, tuple[Float1D, str]]) -> Float2D:
+        """(n, 3) – what each number counts for, at values of the quantities."""
+        powers = _powers(known[self.signal][0], self.seen)
+        return powers * np.sign(known[self.turns][0])[:, None] if self.turns else powers
 
 
-def bends(known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Bend]]:
-    """Bends over every quantity that takes many values, each with what it would take away by itself."""
+def bends(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Bend]]:
+    """Bends over every quantity that takes many values, each with what it would take away by itself; over what the
+    other axes and the spindle do, also as a friction of this one."""
     root = np.sqrt(few.weights)
     out = []
     for name, (values, _) in known.items():
         if name.startswith(NO_PLACE):
             continue
-        bend = Bend(name, (float(values.min()), float(values.max())))
-        Q, _ = np.linalg.qr(_powers(values, bend.seen) * root[:, None])
-        out.append((float(np.sum((Q.T @ (root * few.values)) ** 2)), bend))
+        of_others = name.startswith(("v_", "pos_")) and not name.endswith(f"_{axis}") and f"v_{axis}" in known
+        for turns in ("", f"v_{axis}") if of_others else ("",):
+            bend = Bend(name, (float(values.min()), float(values.max())), turns)
+            Q, _ = np.linalg.qr(bend.over(known) * root[:, None])
+            out.append((float(np.sum((Q.T @ (root * few.values)) ** 2)), bend))
     return out
 
 

@@ -36,6 +36,7 @@ _ROUNDED = 3.0  # steps of rounding that a change from sample to sample may be o
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
 _ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
 _SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
+_LITTLE = 0.1  # of the change of speed in a turn, by which an acceleration that a filter spread may miss it
 _FEWEST = 50
 _ENOUGH = 20_000  # values that a median is taken of
 
@@ -216,7 +217,7 @@ def _speed_and_acceleration(
             # A speed that follows from a wrong position agrees with it. No drive reaches in a sample or two, and leaves
             # again, what is far beyond every change elsewhere: there the acceleration is right.
             size = np.abs(v[i : j + 1] - _calm(v, i, j))
-            if not seen or size.max() > beyond:
+            if (not seen or size.max() > beyond) and not _smoothed(time, v, a, i, j):
                 spike_v[i : j + 1] |= size > 0.5 * size.max()
     out.a[FROZEN], out.a[SPIKE] = frozen, spike_a
     if spike_v.any():
@@ -320,6 +321,16 @@ def _filled(values: Float1D) -> Float1D:
 def _calm(values: Float1D, first: int, last: int) -> float:
     """What a signal is like on both sides of a stretch."""
     return float(np.nanmedian(np.r_[values[max(first - _REACH, 0) : first], values[last + 1 : last + 1 + _REACH]]))
+
+
+def _smoothed(time: Float1D, v: Float1D, a: Float1D, first: int, last: int) -> bool:
+    """Whether a stretch is a fast turn: its speed is between those before and after, and a filter only spread the
+    acceleration, which says as much change of speed in all."""
+    around = slice(first - _REACH, last + _REACH + 1)
+    before, after = v[around][[0, -1]]
+    inner, little = v[first : last + 1], _LITTLE * abs(after - before)
+    between = inner.min() > min(before, after) - little and inner.max() < max(before, after) + little
+    return bool(between and abs(after - before - np.trapezoid(a[around], time[around])) < little)
 
 
 def _long_runs(time: Float1D, values: Float1D) -> list[tuple[int, int]]:

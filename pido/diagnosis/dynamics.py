@@ -1,15 +1,14 @@
-"""Models without a name that remember: an axis that rings after a change, a current that follows late, a motor that
-its own losses warm.
+"""Models without a name that remember: an axis that rings after a change, a current that follows late, what a change
+leaves and time takes back, a motor that its own losses warm.
 
 In:  the residual of one axis, and the quantities that could drive it.
-Out: `Ringing`, `Lagged` and `Heated` terms worth a closer look, frequencies read from the residual itself.
+Out: `Ringing`, `Lagged`, `Fading` and `Heated` terms worth a closer look, frequencies read from the residual itself.
 Source: transfer function estimate H1 = Sxy / Sxx (Welch); first-order hold of a linear oscillator (Franklin, Powell and
 Workman, Digital Control of Dynamic Systems, ch. 6).
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -139,6 +138,38 @@ class Lagged(_Late):
 
 
 @dataclass(frozen=True)
+class Fading(_Late):
+    """What a change of a quantity leaves and time takes back: dI = k * p(u) * tau s / (1 + tau s).
+
+    in_motion : a drag, which is not there while the axis stands
+    """
+
+    signal: str
+    form: str
+    unit: str
+    in_motion: bool = False
+
+    longest: ClassVar[float] = _LONGEST_S
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        u = self.form.replace("u", self.signal)
+        return f"dI = k * {u} * tau s / (1 + tau s)" + ", 0 at standstill" * self.in_motion
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return (Parameter("k", f"A/({self.unit})"),)
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        u = FORMS[self.form](signals(state, [self.signal])[self.signal][0])
+        left = u - answered_late(u[None], state.time, shape["tau"])[0]
+        return (left * state.moving if self.in_motion else left)[:, None]
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"after changes of {self.signal}, fading within some {shape['tau']:.3g} s", ()
+
+
+@dataclass(frozen=True)
 class Heated(_Late):
     """A current that is off as far as its own losses have warmed the winding: dI = k * I * I² / (1 + tau s).
 
@@ -162,7 +193,7 @@ class Heated(_Late):
 
 
 def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple[Float1D, str]]) -> list[Term]:
-    """Ringing at the frequencies in which the residual answers to a quantity, and late answers in steps of three.
+    """Ringing at the frequencies in which the residual answers to a quantity, and what time changes in steps of three.
 
     known : `common_signals` of the mismatch
     """
@@ -178,8 +209,11 @@ def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple
             ]
     engaged = [s.engaged for s in mismatch.states]
     cuts = all(e is not None and e.any() and not e.all() for e in engaged)
-    for (name, form), by_cut in itertools.product(_late(known, axis), (False, True) if cuts else (False,)):
-        terms += [Term(Lagged(name, form, known[name][1], by_cut), (("tau", tau),)) for tau in _TIMES_S]
+    for name, form in _late(known, axis):
+        unit = known[name][1]
+        laws = [Lagged(name, form, unit, by_cut) for by_cut in ((False, True) if cuts else (False,))]
+        laws += [Fading(name, form, unit, drag) for drag in ((False, True) if name == f"v_{axis}" else (False,))]
+        terms += [Term(law, (("tau", tau),)) for law in laws for tau in _TIMES_S]
     if f"I_{axis}" in known:
         terms += [Term(Heated(f"I_{axis}"), (("tau", tau),)) for tau in _WARMING_S]
     return terms

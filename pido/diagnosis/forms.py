@@ -23,6 +23,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import within_same_limits
 from pido.diagnosis.select import refine, shortlist_of
 from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.unnamed import best_nameless, quantities
 from pido.diagnosis.whiten import Noise
 
 CONSTANT = ("gravity_load", "sensor_offset")  # a weight and a zero: the same on an axis that stands upright
@@ -121,7 +122,7 @@ def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequen
         if _nearly_all(*errors) and not (len(group) > 1 and _misses(mismatch, flat, terms, group, term, squares)):
             found.append((numbers([term]), errors[1], term))
     if not found:
-        return None
+        return _law_over_boxes(library, flat, terms, group)
     fewest_numbers = min(n for n, _, _ in found)
     least = min(left for n, left, _ in found if n == fewest_numbers)
     # Of those as simple and as good the first of the catalogue.
@@ -131,6 +132,20 @@ def _one_for(library: Library, flat: Noise, terms: Sequence[Term], group: Sequen
     if chosen.name == "coulomb_friction" and whole_presliding and _turns_over_a_way(mismatch, rest, whole_presliding):
         return whole_presliding
     return chosen
+
+
+def _law_over_boxes(library: Library, flat: Noise, terms: Sequence[Term], group: Sequence[Term]) -> Term | None:
+    """A law without a name of the quantity over which all of `group` have their boxes, where it does nearly all that
+    they do with fewer numbers: an effect that grows with a quantity is found as several that begin somewhere."""
+    over = frozenset[str].intersection(*(frozenset(g.variable for g in t.gates) for t in group))
+    if len(group) < 2 or not over:
+        return None
+    rest = [t for t in terms if t not in group]
+    for score in best_nameless(library, flat, rest):
+        fewer = over & quantities(score.term) and numbers([score.term]) < numbers(group)
+        if fewer and _nearly_all(*_left(library.mismatch, rest, [*rest, score.term], terms)):
+            return score.term
+    return None
 
 
 def _nearly_all(none: float, left: float, whole: float) -> bool:

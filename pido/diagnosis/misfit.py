@@ -45,6 +45,7 @@ AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hy
 _CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
 _TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: with so much of it gone it is no gain
 _SMALL = 0.12  # the same share for a finding that is small in its own right
+_WARMS_S = 10.5  # what changes faster ends at the shortest time constant of a drift
 _FEW_LASTING = 20  # rows
 _NEARLY_ALL = 0.7
 _FEW_BLOCKS = 4
@@ -73,6 +74,8 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
         least = _LEAST_NAMELESS if term.name in _TIED_TO_TIME else _LEAST_EFFECT
         if rms < least * level:
             return i, f"{rms:.2g} A where it acts, under {least:.0%} of the noise"
+        if term.mechanism.id == "thermal_drift" and dict(term.shape)["tau"] < _WARMS_S:
+            return i, f"it changes within {dict(term.shape)['tau']:.3g} s: nothing warms so fast"
         others = [t for k, t in enumerate(terms) if k != i]
         single = term.mechanism.transient and lasting(mismatch, term) < _LASTING
         if single and not _goes_on(mismatch, acts, others, terms):

@@ -19,7 +19,7 @@ from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.baseline import equation_names, equation_rows
 from pido.diagnosis.bends import Bend
-from pido.diagnosis.dynamics import Heated, Lagged, Ringing
+from pido.diagnosis.dynamics import Fading, Heated, Lagged, Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -210,14 +210,16 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"factors": [list(f) for f in factors], "unit": unit, "seen": [list(r) for r in seen]}
         case Peak(signal=signal, unit=unit, even=even, odd=odd, wide=wide):
             own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
-        case Bend(signal=signal, seen=seen):
-            own |= {"bends": signal, "seen": list(seen)}
+        case Bend(signal=signal, seen=seen, turns=turns):
+            own |= {"bends": signal, "seen": list(seen), "turns": turns}
         case Wave(place=place, signal=signal, unit=unit):
             own |= {"waves": place, "signal": signal, "unit": unit}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut):
             own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut}
+        case Fading(signal=signal, form=form, unit=unit, in_motion=in_motion):
+            own |= {"fades": signal, "form": form, "unit": unit, "in_motion": in_motion}
         case Heated(signal=signal):
             own["heats"] = signal
         case Surface(variables=variables, knots=knots, split=split):
@@ -268,11 +270,14 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         later = (bool(own.get(flag)) for flag in ("odd", "wide"))  # models of before do not have
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), *later)
     if "bends" in own:
-        return Bend(str(own["bends"]), (float(own["seen"][0]), float(own["seen"][1])))
+        seen = (float(own["seen"][0]), float(own["seen"][1]))
+        return Bend(str(own["bends"]), seen, str(own.get("turns", "")))  # models of before do not turn
     if "rings" in own:
         return Ringing(str(own["rings"]), str(own["unit"]))
     if "lags" in own:
         return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]))
+    if "fades" in own:
+        return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), bool(own["in_motion"]))
     if "heats" in own:
         return Heated(str(own["heats"]))
     if "variables" in own:

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from pido.core.arrays import Float1D
 from pido.diagnosis.bends import Bend, bends
 from pido.diagnosis.confirm import less_error, no_more_error, plain_errors
-from pido.diagnosis.dynamics import Heated, Lagged, Ringing, remembering
+from pido.diagnosis.dynamics import Fading, Heated, Lagged, Ringing, remembering
 from pido.diagnosis.flexible import Coarse, coarse, structure
 from pido.diagnosis.formulas import (
     FORMS,
@@ -61,6 +61,7 @@ _MANY = 3  # laws on one axis: so many at once are less likely than one that nob
 _FINALISTS = 12
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
+_REMEMBERS = (Ringing, Lagged, Fading, Heated)
 _SIMPLEX = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
 
 
@@ -70,7 +71,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
     nothing = basis(library, noise, [])
     best_terms, best = terms, _charged(library, noise, terms)
     for start in (terms, []) if terms else (terms,):
-        for found in _best(library, noise, start):
+        for found in best_nameless(library, noise, start):
             trial = _needed(library, noise, start, found.term)
             instead = library.score(found.term, basis(library, noise, trial[:-1]))
             if instead is not None and is_known(library, noise, instead):
@@ -135,7 +136,7 @@ def _says_the_rest_too(mismatch: Mismatch, few: Sequence[Term], many: Sequence[T
 
 def _share_asked(unnamed: Term, beside: bool) -> float:
     """Share of what the names gain that a model without a name has to add to it."""
-    if isinstance(unnamed.mechanism, Surface) or (beside and isinstance(unnamed.mechanism, (Ringing, Lagged, Heated))):
+    if isinstance(unnamed.mechanism, Surface) or (beside and isinstance(unnamed.mechanism, _REMEMBERS)):
         return _CURVE_SHARE
     return _SEPARATE_SHARE if beside else _CLEARLY_SHARE
 
@@ -156,8 +157,8 @@ def _needed(library: Library, noise: Noise, named: Sequence[Term], unnamed: Term
     return [*kept, unnamed]
 
 
-def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
-    """The best formula or peak, and a curve or surface over the same quantities where that is clearly better."""
+def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
+    """The best law without a name, and a curve or surface over the same quantities where that is clearly better."""
     mismatch = library.mismatch
     current = basis(library, noise, start)
     residual = fit(mismatch, noise, start).residual
@@ -175,7 +176,7 @@ def _best(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     curve = best
     wanted: list[frozenset[str]] = []
     for term in offered[:40]:
-        names = _quantities(term)
+        names = quantities(term)
         for each in (names, *(frozenset({n}) for n in names)):
             if each not in wanted:
                 wanted.append(each)
@@ -208,7 +209,7 @@ def _ranked(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) ->
     """Formulas, peaks, bends and waves by what each alone would take away from the coarse residual, best first."""
     gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
-    gains += [(gain, Term(bend)) for gain, bend in bends(known, few)]
+    gains += [(gain, Term(bend)) for gain, bend in bends(axis, known, few)]
     gains += waves(axis, known, few)
     return [t for _, t in sorted(gains, key=lambda g: -g[0])]
 
@@ -290,11 +291,14 @@ def _at_an_edge(term: Term, beside: Sequence[Term]) -> bool:
     return bool(np.any(np.abs(places - shape["c"]) < np.maximum(_EDGE * shape["w"], _EDGE_SHARE * np.abs(places))))
 
 
-def _quantities(term: Term) -> frozenset[str]:
+def quantities(term: Term) -> frozenset[str]:
+    """Names of the recorded quantities that a law without a name is a law of; none of a surface."""
     match term.mechanism:
         case Formula(factors=factors):
             return frozenset(n for n, _ in factors)
-        case Peak() | Bend() | Ringing() | Lagged() | Heated():
+        case Bend(signal=signal, turns=turns):
+            return frozenset({signal, turns} - {""})
+        case Peak() | Ringing() | Lagged() | Fading() | Heated():
             return frozenset({term.mechanism.signal})
         case Wave(place=place, signal=signal):
             return frozenset({place, signal} - {""})

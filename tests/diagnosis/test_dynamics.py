@@ -8,7 +8,7 @@ from scipy import signal
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.dynamics import Heated, Lagged, Ringing
+from pido.diagnosis.dynamics import Fading, Heated, Lagged, Ringing
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -24,20 +24,22 @@ STEP = 0.01
 VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
 
 
-def part(k, rows=3000):
-    """x and y go to and fro in ramps of their own."""
+def part(k, rows=3000, stops=False):
+    """x and y go to and fro in ramps of their own; with stops, a third of the time they stand."""
     rng = np.random.default_rng(k)
     t = np.arange(rows) * STEP
     columns = {"time": t}
     for axis in "xy":
-        v = np.convolve(np.repeat(rng.uniform(-12, 12, rows // 50), 50), np.ones(9) / 9, "same")
+        speeds = rng.uniform(-12, 12, rows // 50) * (rng.random(rows // 50) > 0.35 if stops else 1)
+        v = np.convolve(np.repeat(speeds, 50), np.ones(9) / 9, "same")
+        v = np.where(np.abs(v) < 1e-9, 0.0, v)
         columns |= {f"v_{axis}": v, f"pos_{axis}": np.cumsum(v) * STEP, f"a_{axis}": np.gradient(v, t)}
     return Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)
 
 
-def planted(effect):
+def planted(effect, **how):
     """A library of viscous friction, and white noise, over an effect: state -> (n,), A, of twice the noise."""
-    states = axis_states([part(k) for k in range(3)], "x")
+    states = axis_states([part(k, **how) for k in range(3)], "x")
     effects = [effect(s) for s in states]
     size = np.std(np.concatenate(effects))
     rng = np.random.default_rng(0)
@@ -48,9 +50,9 @@ def planted(effect):
     return library, noise
 
 
-def found_in(effect):
+def found_in(effect, **how):
     """What the search without a name makes of it."""
-    (term,), _ = with_unknown(*planted(effect), [], 0)
+    (term,), _ = with_unknown(*planted(effect, **how), [], 0)
     return term
 
 
@@ -79,6 +81,20 @@ def test_a_current_that_follows_a_speed_late():
     assert isinstance(term.mechanism, Lagged)
     assert (term.mechanism.signal, term.mechanism.form) == ("v_x", "|u|")
     assert dict(term.shape)["tau"] == pytest.approx(0.8, rel=0.15)
+
+
+@pytest.mark.parametrize("in_motion", [False, True])
+def test_what_a_change_of_speed_leaves_and_time_takes_back_is_one_law(in_motion):
+    tau = 1.5
+
+    def left(state):
+        behind = signal.lsim(([1], [tau, 1]), state.v, state.time)[1]
+        return (state.v - behind) * (state.moving if in_motion else 1.0)
+
+    term = found_in(left, stops=True)
+    assert isinstance(term.mechanism, Fading)
+    assert (term.mechanism.signal, term.mechanism.in_motion) == ("v_x", in_motion)
+    assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.1)
 
 
 def test_frequency_and_damping_have_intervals_that_hold_the_truth():
@@ -115,10 +131,11 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
     [
         Term(Ringing("a_x", "mm/s²"), (("f", 6.0), ("zeta", 0.05))),
         Term(Lagged("v_x", "|u|", "mm/s", by_cut=True), (("tau", 0.8),)),
+        Term(Fading("v_x", "u", "mm/s", in_motion=True), (("tau", 0.8),)),
     ],
 )
 def test_a_model_that_remembers_comes_back_from_its_file(term):
-    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2]),))
+    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2])[: len(term.mechanism.amplitudes)],))
     (state,) = axis_states([part(0)], "x")
     again = axis_models(as_json({"x": model}))["x"]
     assert again.terms == model.terms

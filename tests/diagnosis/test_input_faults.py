@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from pido.core.part import PartInfo
@@ -72,6 +73,22 @@ def test_a_speed_that_was_smoothed_over_the_end_of_its_record_is_no_fault():
     smooth[-8:] += 16.0 * (np.arange(1, 9) / 8) ** 2
     columns = {"time": t, "pos_x": np.cumsum(v) * 0.002, "v_x": smooth, "a_x": np.gradient(smooth, t)}
     assert input_faults(Recording(PartInfo(part="p", machine="m"), columns)) == {}
+
+
+@pytest.mark.parametrize("fault", [0.0, 60.0])
+def test_a_quick_turn_whose_acceleration_is_smoothed_is_no_spike(fault):
+    """2 mm/s to and fro, turned in 30 ms three times, in a record that blurs its acceleration beside feeds of 25 mm/s
+    that change slowly."""
+    t = np.arange(0.0, 60.0, 0.01)
+    slow = np.where((t > 9.005) & (t < 20.005) | (t > 31.005), 2.0, -2.0)
+    fast = 25.0 * np.sin(np.pi * (t - 35.0) / 10) ** 2 * (t > 35.0) * (t < 55.0)
+    true = np.convolve(np.pad(slow, 1, "edge"), [0.35, 0.55, 0.1], "valid") + fast
+    a = uniform_filter1d(np.gradient(true, t), 5)
+    v = np.round((true + fault * (np.arange(len(t)) == 2500)) / 0.025) * 0.025
+    columns = {"time": t, "pos_x": np.round(np.cumsum(true) * 0.01, 3), "v_x": v, "a_x": np.round(a / 0.25) * 0.25}
+    found = input_faults(Recording(PartInfo(part="p", machine="m"), columns))
+    assert set(found) <= {"v_x", "a_x"} if fault else not found
+    assert ("v_x" in found) == bool(fault)
 
 
 def test_a_move_between_two_slow_samples_is_no_counter_reset():

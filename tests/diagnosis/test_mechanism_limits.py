@@ -136,6 +136,18 @@ ODD = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(("lead", "waves"), [(None, 1.5), (16.0, 1.0)])
+def test_what_does_not_repeat_itself_along_the_travel_is_no_ripple(lead, waves):
+    ripple, (state,) = BY_ID["torque_ripple"], axis_states([part()], "x")
+    state = replace(state, lead=lead)
+    longest = np.ptp(state.pos) / waves
+    half_a_wave = [np.sin(np.pi * (state.pos - state.pos.min()) / np.ptp(state.pos))]
+    shapes = [*ripple.starts([state]), *ripple.suggest([state], half_a_wave)]
+    assert max(s["L"] for s in shapes) <= longest
+    low, high = ripple.around("L", {"L": 0.9 * longest}, [state])
+    assert low < 0.9 * longest < high <= longest * (1 + 1e-9)
+
+
 @pytest.mark.parametrize("name", sorted(ODD))
 def test_a_machine_that_runs_the_other_way_round_feels_the_opposite(name):
     mechanism = BY_ID[name]

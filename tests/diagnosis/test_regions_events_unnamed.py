@@ -387,6 +387,19 @@ def test_a_spring_about_a_place_is_one_unknown_and_not_a_level_beside_a_wave():
     assert again == term
 
 
+def test_a_friction_that_another_axis_eases_as_it_moves_is_one_law_of_both():
+    """More than it should be at one speed of y, less than it should be far from it: no power of the speed says that."""
+    states = axis_states(list(recordings()), "x")
+    speeds = np.concatenate([s.others["y"].v for s in states])
+    most = np.abs(speeds).max()
+    mismatch, noise = laid_out(lambda s: 0.2 * s.held * s.moving * (0.3 - (s.others["y"].v / most - 0.4) ** 2))
+    coulomb = Term(next(m for m in CATALOGUE if m.id == "coulomb_friction"), name="miscalibrated:coulomb_friction")
+    (term,), _ = with_unknown(library_of(mismatch, noise, coulomb), noise, [coulomb], seed=0)
+    assert term.mechanism == Bend("v_y", (speeds.min(), speeds.max()), "v_x")
+    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2, 0.3]),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
 @pytest.mark.parametrize(
     ("place", "carrier", "signal"),
     [
@@ -435,7 +448,7 @@ def test_what_jumps_where_the_current_turns_is_one_curve_over_it_and_not_three_l
     box = tuple(g for v in ("v_x", "v_y") for g in (Gate(v, low=-9.0), Gate(v, high=9.0)))
     laws = ("coulomb_friction", "inertia", "viscous_friction")
     three = [Term(m, gates=box) for m in CATALOGUE if m.id in laws]
-    monkeypatch.setattr("pido.diagnosis.unnamed._best", lambda *_: [])  # nor any formula over other quantities
+    monkeypatch.setattr("pido.diagnosis.unnamed.best_nameless", lambda *_: [])  # nor any formula over other quantities
     (term,), _ = with_unknown(library_of(mismatch, noise, *three), noise, three, seed=0)
     assert term.name == "unknown"
     assert term.mechanism.variables == ("I_x",)

@@ -41,6 +41,7 @@ _PERIODS = (
 )
 _HARMONICS = (2.0, 1.0, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6, 1 / 8, 1 / 12)  # of a lead, as periods
 _SHORTEST, _LONGEST = 0.4, 60.0  # mm, periods of a ripple
+_WAVES = 1.5
 
 
 class Inertia(Mechanism):
@@ -214,9 +215,9 @@ class TorqueRipple(Mechanism):
         return None if longest > 2.0 else f"the axis travels {longest:.2g} mm only"
 
     def starts(self, states):
-        """Harmonics of the lead where it is known, usual periods besides; none longer than the travel."""
+        """Harmonics of the lead where it is known, usual periods besides; none that hardly repeats itself."""
         own = [h * s.lead for s in states[:1] if s.lead is not None for h in _HARMONICS]
-        longest = min(_LONGEST, travel(states))
+        longest = _longest_period(states)
         periods = {round(p, 6) for p in (*own, *_PERIODS) if _SHORTEST <= p <= longest}
         return tuple({"L": p, "harmonics": 0.0, "late": 0.0} for p in sorted(periods) or [_SHORTEST])
 
@@ -227,7 +228,7 @@ class TorqueRipple(Mechanism):
         pos = np.concatenate([s.pos for s in states if s.pos is not None])
         value, moving = np.concatenate(left), np.concatenate([s.moving for s in states])
         good = np.isfinite(value) & np.isfinite(pos) & moving
-        peaks = periods_of(pos[good], value[good], _SHORTEST, _LONGEST, PEAKS)
+        peaks = periods_of(pos[good], value[good], _SHORTEST, _longest_period(states), PEAKS)
         return tuple({"L": p, "harmonics": harmonics, "late": 0.0} for harmonics in (0.0, 1.0) for p in peaks)
 
     def around(self, name, shape, states):
@@ -238,9 +239,16 @@ class TorqueRipple(Mechanism):
             return -most, most
         if name != "L":
             return shape[name], shape[name]
-        step = 0.5 / max(travel(states), 1e-9)
+        step, longest = 0.5 / max(travel(states), 1e-9), _longest_period(states)
         f = 1.0 / shape["L"]
-        return max(_SHORTEST, 1.0 / (f + step)), min(_LONGEST, 1.0 / max(f - step, 1.0 / _LONGEST))
+        return max(_SHORTEST, 1.0 / (f + step)), 1.0 / max(f - step, 1.0 / longest)
+
+
+def _longest_period(states: Sequence[AxisState]) -> float:
+    """mm – of which the travel holds one wave and a half, or one where the lead of the screw speaks for it: what does
+    not repeat itself is not periodic."""
+    waves = 1.0 if states and states[0].lead is not None else _WAVES
+    return min(_LONGEST, travel(states) / waves)
 
 
 def travel(states: Sequence[AxisState]) -> float:
