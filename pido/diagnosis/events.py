@@ -14,19 +14,21 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
+from scipy.stats import t as student
 
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.whiten import Noise, robust_sd
+from pido.diagnosis.whiten import Noise
 
 _BINS = 300  # per part, in which ends of intervals are searched
 _MOST_PER_PART = 4
 _LONGEST_SHARE = 0.6  # of a part: a longer stretch is a level of that part, not an event
 _WHOLE = 0.8  # of an interval, and of a stand: they are the same
 _AS_MODELLED = 1.5  # times what independent rows scatter by
+_AS_KNOWN = 20  # degrees of freedom, with which the model of the noise says how much levels scatter
 _FEWEST_LIKE = 8  # stretches in the same state, from which it is seen how much their levels scatter anyway
 
 
@@ -159,7 +161,8 @@ def _unlike_others(
 
     Noise may be slow where an axis stands or the tool is idle, and white elsewhere: one model of it does not see that.
     Where the rows of no interval scatter as the model says, they are what levels are compared with; elsewhere the
-    clearest interval is judged first, beside all others.
+    clearest interval is judged first, beside all others. A level that few others are there to compare with has to be
+    the clearer (Student's t).
     """
     state = np.concatenate(
         [2 * s.moving + (np.zeros(len(s.time), int) if s.engaged is None else s.engaged) for s in mismatch.states]
@@ -169,7 +172,7 @@ def _unlike_others(
     for _, first, last in found:
         outside[first:last] = False
 
-    def scatter(interval: tuple[int, int, int], among: Bool1D) -> float:
+    def scatter(interval: tuple[int, int, int], among: Bool1D) -> tuple[float, int]:
         _, first, last = interval
         same = among & (state == np.bincount(state[first:last]).argmax())
         same[first:last] = False
@@ -178,24 +181,23 @@ def _unlike_others(
     by_outside = {interval: scatter(interval, outside) for interval in found}
     left, kept = list(found), []
     while left:
-        by = np.array([s if (s := by_outside[each]) <= _AS_MODELLED else scatter(each, free) for each in left])
-        height = np.array([abs(residual[i:j].sum()) / np.sqrt(j - i) for _, i, j in left])
-        ratio = np.divide(height, by, out=np.full(len(left), np.inf), where=by > 0)
+        by = [s if (s := by_outside[each])[0] <= _AS_MODELLED else scatter(each, free) for each in left]
+        ratio = [abs(residual[i:j].sum()) / np.sqrt(j - i) / s for (_, i, j), (s, _) in zip(left, by, strict=True)]
         best = int(np.argmax(ratio))
-        if ratio[best] <= times:
+        if norm.isf(student.sf(ratio[best], by[best][1])) <= times:
             break
         kept.append(left.pop(best))
         free[kept[-1][1] : kept[-1][2]] = False
     return sorted(kept)
 
 
-def _scatter(like: Float1D, length: int) -> float:
-    """What sums over so many rows of `like` scatter by, for independent rows 1; 0 where these are few to say."""
-    length = min(length, len(like) // _FEWEST_LIKE)
-    if not length:
-        return 0.0
+def _scatter(like: Float1D, length: int) -> tuple[float, int]:
+    """What sums over so many rows of `like` scatter by, for independent rows 1, and with how many degrees of freedom
+    that is known: few sums say little beside the model of the noise (a variance beside a prior, as Smyth 2004)."""
+    length = max(1, min(length, len(like) // _FEWEST_LIKE))
     sums = like[: len(like) // length * length].reshape(-1, length).sum(axis=1) / np.sqrt(length)
-    return robust_sd(sums)
+    known = _AS_KNOWN + len(sums)
+    return float(np.sqrt((_AS_KNOWN + np.sum(sums**2)) / known)), known
 
 
 def charge(mismatch: Mismatch) -> float:

@@ -245,6 +245,21 @@ def test_noise_that_is_slow_at_standstill_makes_no_events_and_hides_no_large_one
     assert level > 0 or found is None
 
 
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize(("size", "found"), [(5.5, False), (9.0, True)])
+def test_a_level_that_few_others_are_there_to_compare_with_has_to_be_the_clearer(size, found, seed):
+    """The tool cuts for 8 s of each part only."""
+    rng = np.random.default_rng(seed)
+    cuts = [r.with_columns(mrr_sim=50.0 * ((r.time >= 8.0) & (r.time < 16.0))) for r in recordings()]
+    states = axis_states(cuts, "x")
+    noises = [rng.normal(0, NOISE, len(s.time)) for s in states]
+    level = (states[1].time >= 10.0) & (states[1].time < 14.0)
+    noises[1][level] += size * NOISE / np.sqrt(level.sum()) - noises[1][level].mean()
+    mismatch = lay_out(states, noises)
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    assert (find_events(mismatch, noise, mismatch.target / NOISE) is not None) == found
+
+
 @pytest.mark.parametrize(("begin", "end", "found"), [(12.0, 16.0, False), (12.8, 15.0, True), (9.0, 15.0, True)])
 def test_what_stays_from_a_stop_to_the_next_motion_is_no_force(begin, end, found):
     def rests(recording):

@@ -41,7 +41,7 @@ _PERIODS = (
 )
 _HARMONICS = (2.0, 1.0, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6, 1 / 8, 1 / 12)  # of a lead, as periods
 _SHORTEST, _LONGEST = 0.4, 60.0  # mm, periods of a ripple
-_WAVES = 1.5
+_WAVES = 1.5  # of a ripple along the travel, the fewest that show that it repeats itself
 
 
 class Inertia(Mechanism):
