@@ -1,4 +1,4 @@
-"""What all generators of sealed cases say in the same words: a task, an effect, an unfair draw, the files of a truth.
+"""What all generators of sealed cases say in the same words: task, effect, noise, case, unfair draw, files of a truth.
 
 The truth of a case is `truth.json` and, per part, a table with `effect_<axis>` (A) and `acts_<axis>`.
 """
@@ -10,13 +10,16 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
+import numpy as np
 import pandas as pd
 
-from pido.core.arrays import Array1D, Float1D
+from pido.core.arrays import Array1D, Bool1D, Float1D
 from pido.core.axes import AXES
 from pido.core.errors import PidoError
+
+AnyPart = TypeVar("AnyPart")
 
 
 class UnfairError(PidoError):
@@ -55,6 +58,37 @@ class Effect:
     parameters: Mapping[str, tuple[float, str]]
     shape: Mapping[str, Any]
     strength: float
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseRows:
+    """rows : per part (n,), A, at the samples, before rounding; step : A, of the converter"""
+
+    rows: Sequence[Float1D]
+    step: float
+
+    def rms(self, where: Sequence[Bool1D]) -> float:
+        """A, of what is not systematic, rounding included, in the samples that masks of the first parts select."""
+        held = np.concatenate([r[w] for r, w in zip(self.rows, where, strict=False)])
+        return float(np.sqrt(np.mean(held**2) + self.step**2 / 12)) if len(held) else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Case(Generic[AnyPart]):
+    """parts : at the samples, the unseen one last; per axis and part (n,), A: sim, recorded, effect
+
+    rich : whether part.json says all that a plant knows; columns : the optional ones; seed : of what files are given
+    """
+
+    task: Task
+    parts: Sequence[AnyPart]
+    sim: Mapping[str, Sequence[Float1D]]
+    recorded: Mapping[str, Sequence[Float1D]]
+    effect: Mapping[str, Sequence[Float1D]]
+    effects: Sequence[Effect]
+    rich: bool
+    columns: Sequence[str]
+    seed: int
 
 
 def name_of(k: int) -> str:

@@ -7,7 +7,6 @@ Out: effects of a wanted strength, and the `Case` at the logged samples.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,30 +16,12 @@ from benchmarks.newcomer.machines import Machine
 from benchmarks.newcomer.noise import Noise, draw_noise
 from benchmarks.newcomer.parts import Part
 from benchmarks.newcomer.world import Columns, World, lagged
-from benchmarks.sealed_truth import Effect, Task, require_fair
+from benchmarks.sealed_truth import Case, Effect, Task, require_fair
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
 
 LEAST_NOISE, MOST_NOISE = 0.003, 0.3
 """Of a simulated current, where a case has its noise fitted to its effect, –."""
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """parts : at the logged samples, the unseen one last; per axis and part (n,), A: sim, recorded, effect
-
-    rich : whether part.json says all that a plant knows; columns : the optional ones; seed : of what files are given
-    """
-
-    task: Task
-    parts: Sequence[Part]
-    sim: Mapping[str, Columns]
-    recorded: Mapping[str, Columns]
-    effect: Mapping[str, Columns]
-    effects: Sequence[Effect]
-    rich: bool
-    columns: Sequence[str]
-    seed: int
 
 
 def logged(machine: Machine, columns: Columns) -> list[Float1D]:

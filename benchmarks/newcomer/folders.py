@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.newcomer.assembly import Case
 from benchmarks.newcomer.fair import acting, split
 from benchmarks.newcomer.parts import Part
-from benchmarks.sealed_truth import name_of, write_truth
+from benchmarks.sealed_truth import Case, name_of, write_truth
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.part import PartInfo

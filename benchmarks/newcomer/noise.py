@@ -12,22 +12,16 @@ import numpy as np
 from scipy.signal import lfilter
 
 from benchmarks.newcomer.parts import Part
-from benchmarks.newcomer.world import Columns, number
-from pido.core.arrays import Bool1D, Float1D
+from benchmarks.newcomer.world import number
+from benchmarks.sealed_truth import NoiseRows
+from pido.core.arrays import Float1D
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
-    """rows : per part (n,), A, before rounding; step : A, of the converter; independent : share of such rows, –"""
+class Noise(NoiseRows):
+    """independent : share of such rows, –"""
 
-    rows: Columns
-    step: float
     independent: float
-
-    def rms(self, where: Sequence[Bool1D]) -> float:
-        """A, rounding included, in the rows that masks of the first parts select."""
-        rows = np.concatenate([r[w] for r, w in zip(self.rows, where, strict=False)])
-        return float(np.sqrt(np.mean(rows**2) + self.step**2 / 12)) if len(rows) else 0.0
 
     def times(self, factor: float) -> Noise:
         return replace(self, rows=[factor * r for r in self.rows], step=factor * self.step)

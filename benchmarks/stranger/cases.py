@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from benchmarks.sealed_truth import Effect, Task, UnfairError, require_fair
+from benchmarks.sealed_truth import Case, Effect, Task, UnfairError, require_fair
 from benchmarks.stranger import faults
 from benchmarks.stranger.effects import SINGLES, axes_of, concealed_by
 from benchmarks.stranger.fairness import (
@@ -32,7 +32,7 @@ from benchmarks.stranger.law import Law, World
 from benchmarks.stranger.machine import Plant, draw_plant
 from benchmarks.stranger.outside import OUTSIDE
 from benchmarks.stranger.parts import TERMS, Part, draw_terms, make_parts
-from benchmarks.stranger.sealed import Case, Noise, assemble, lagged, simulated
+from benchmarks.stranger.sealed import Noise, assemble, lagged, simulated
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.errors import PidoError

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.sealed_truth import Effect, Task, require_fair
+from benchmarks.sealed_truth import Case, Effect, Task, require_fair
 from benchmarks.stranger.fairness import LEAST_T, t_ratio
 from benchmarks.stranger.law import Columns, World
 from benchmarks.stranger.parts import Part
-from benchmarks.stranger.sealed import Case, Noise, assemble, simulated
+from benchmarks.stranger.sealed import Noise, assemble, simulated
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from benchmarks.sealed_truth import name_of, write_truth
+from benchmarks.sealed_truth import Case, name_of, write_truth
 from benchmarks.stranger.fairness import acting
 from benchmarks.stranger.parts import Part
-from benchmarks.stranger.sealed import Case
 from pido.core.arrays import Array1D, Float1D, Float2D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.part import PartInfo

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
-from benchmarks.sealed_truth import Effect, Task
-from benchmarks.stranger.law import Columns, World
+from benchmarks.sealed_truth import Case, Effect, NoiseRows, Task
+from benchmarks.stranger.law import World
 from benchmarks.stranger.machine import Plant
 from benchmarks.stranger.parts import Part, term, thinned
 from pido.core.arrays import Float1D
@@ -25,24 +24,6 @@ NEEDS_FACTS = (
     "gravity_load", "edge_force", "tool_wear", "material_hard_zone", "thermal_drift", "sensor_offset", "coolant_load",
 )  # fmt: skip
 """What cannot be told without part.json (tools, operations, workpiece, clock, vertical axis)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """parts : at the recorded samples, the unseen one last; per axis and part (n,), A: sim, recorded, effect
-
-    rich : whether part.json says all that a plant knows; columns : the optional ones; seed : of what files are given
-    """
-
-    task: Task
-    parts: Sequence[Part]
-    sim: Mapping[str, Columns]
-    recorded: Mapping[str, Columns]
-    effect: Mapping[str, Columns]
-    effects: Sequence[Effect]
-    rich: bool
-    columns: Sequence[str]
-    seed: int
 
 
 def simulated(part: Part, axis: str, terms: Mapping[str, float]) -> Float1D:
@@ -60,17 +41,10 @@ def lagged(plant: Plant, values: Float1D) -> Float1D:
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
-    """rows : per part, at the samples, A, before rounding; step : A, of the converter; length : of autocorrelation"""
+class Noise(NoiseRows):
+    """length : of autocorrelation, in samples"""
 
-    rows: Columns
-    step: float
     length: float
-
-    def rms(self, where: Sequence[Any]) -> float:
-        """A, of what is not systematic, rounding included, in the samples that masks per part select."""
-        held = np.concatenate([r[w] for r, w in zip(self.rows, where, strict=False)])
-        return float(np.sqrt(np.mean(held**2) + self.step**2 / 12)) if len(held) else 0.0
 
 
 def assemble(

@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 from benchmarks.newcomer import fair
-from benchmarks.newcomer.assembly import Case
 from benchmarks.newcomer.catalogue import MENU
 from benchmarks.newcomer.draw import draw_case
 from benchmarks.newcomer.fair import acting
@@ -18,10 +17,15 @@ from benchmarks.newcomer.folders import write_case
 from benchmarks.newcomer.machines import KINDS, draw_machine
 from benchmarks.newcomer.parts import Length, draw_parts
 from benchmarks.newcomer.planned import SHARES, plan
-from benchmarks.sealed_truth import Task, UnfairError
+from benchmarks.sealed_truth import Case, Task, UnfairError
 from pido.core.axes import AXES
-from pido.core.columns import CURRENT, CURRENT_SIM, MOTION, PROCESS, TIME, UNITS
+from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.recordings import read_recording
+from tests.benchmarks.written_cases import (
+    assert_nothing_that_is_shown_names_the_case,
+    assert_they_keep_the_contract_of_columns,
+    assert_two_have_the_same_bytes,
+)
 
 SMALL = Length(parts=(3, 3), seconds=(25.0, 40.0), rows=40_000, fine_rows=40_000)
 TASKS = (
@@ -51,12 +55,7 @@ def drawn(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def test_a_case_keeps_the_contract_of_columns_and_part_json(drawn):
     _, places, _ = drawn
     assert len(places) == 4
-    for place in places:
-        recording = read_recording(place)
-        assert {TIME, *MOTION, *PROCESS, *CURRENT.values(), *CURRENT_SIM.values()} <= set(recording.columns)
-        assert set(recording.columns) <= set(UNITS)
-        assert np.all(np.diff(recording.time) > 0)
-        assert all(np.isfinite(values).all() for values in recording.columns.values())
+    assert_they_keep_the_contract_of_columns(places)
 
 
 def test_the_truth_is_what_was_recorded_beside_the_simulation_in_the_unseen_part_too(drawn):
@@ -96,20 +95,11 @@ def test_a_strength_is_rms_of_effect_over_rms_of_noise_where_it_acts(task):
 
 def test_nothing_that_is_shown_names_the_case(drawn):
     case, places, _ = drawn
-    for place in places:
-        assert sorted(p.name for p in place.iterdir()) == ["part.json", "recording.parquet"]
-        text = (place / "part.json").read_text(encoding="utf-8")
-        assert not any(word and word in text for word in (case.task.what, case.task.group, case.task.key))
+    assert_nothing_that_is_shown_names_the_case(case, places)
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
-    written = [
-        write_case(draw_case(TASKS[1], SMALL), tmp_path / name, tmp_path / f"truth {name}") for name in ("one", "two")
-    ]
-    for one, two in zip(*written, strict=True):
-        assert all((one / n).read_bytes() == (two / n).read_bytes() for n in ("recording.parquet", "part.json"))
-    truths = [(tmp_path / f"truth {name}" / "truth.json").read_bytes() for name in ("one", "two")]
-    assert truths[0] == truths[1]
+    assert_two_have_the_same_bytes(lambda *where: write_case(draw_case(TASKS[1], SMALL), *where), tmp_path)
 
 
 def test_a_plan_meets_every_group_by_its_share_and_every_mechanism_in_turn():

@@ -9,14 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.sealed_truth import Task
+from benchmarks.sealed_truth import Case, Task
 from benchmarks.stranger.cases import MENU, SHARES, Size, draw_case, plan
 from benchmarks.stranger.fairness import acting
 from benchmarks.stranger.files import write_case
-from benchmarks.stranger.sealed import Case
 from pido.core.axes import AXES
-from pido.core.columns import CURRENT, CURRENT_SIM, MOTION, PROCESS, TIME, UNITS
+from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.recordings import read_recording
+from tests.benchmarks.written_cases import (
+    assert_nothing_that_is_shown_names_the_case,
+    assert_they_keep_the_contract_of_columns,
+    assert_two_have_the_same_bytes,
+)
 
 SMALL = Size(parts=(3, 3), seconds=(25.0, 30.0))
 TASKS = (
@@ -44,12 +48,7 @@ def drawn(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 def test_a_case_keeps_the_contract_of_columns_and_part_json(drawn):
     _, places, _ = drawn
-    for place in places:
-        recording = read_recording(place)
-        assert {TIME, *MOTION, *PROCESS, *CURRENT.values(), *CURRENT_SIM.values()} <= set(recording.columns)
-        assert set(recording.columns) <= set(UNITS)
-        assert np.all(np.diff(recording.time) > 0)
-        assert all(np.isfinite(values).all() for values in recording.columns.values())
+    assert_they_keep_the_contract_of_columns(places)
 
 
 def test_the_truth_has_a_row_for_every_sample_and_is_what_was_recorded_beside_the_simulation(drawn):
@@ -74,10 +73,7 @@ def test_the_truth_has_a_row_for_every_sample_and_is_what_was_recorded_beside_th
 
 def test_nothing_that_is_shown_names_the_case(drawn):
     case, places, _ = drawn
-    for place in places:
-        assert sorted(p.name for p in place.iterdir()) == ["part.json", "recording.parquet"]
-        text = (place / "part.json").read_text(encoding="utf-8")
-        assert not any(word and word in text for word in (case.task.what, case.task.group, case.task.key))
+    assert_nothing_that_is_shown_names_the_case(case, places)
 
 
 @pytest.mark.parametrize(
@@ -94,13 +90,7 @@ def test_a_strength_is_rms_of_effect_over_rms_of_noise_where_it_acts(task):
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
-    written = [
-        write_case(draw_case(TASKS[0], SMALL), tmp_path / name, tmp_path / f"truth {name}") for name in ("one", "two")
-    ]
-    for one, two in zip(*written, strict=True):
-        assert all((one / n).read_bytes() == (two / n).read_bytes() for n in ("recording.parquet", "part.json"))
-    truths = [(tmp_path / f"truth {name}" / "truth.json").read_bytes() for name in ("one", "two")]
-    assert truths[0] == truths[1]
+    assert_two_have_the_same_bytes(lambda *where: write_case(draw_case(TASKS[0], SMALL), *where), tmp_path)
 
 
 def test_a_plan_meets_every_group_by_its_share_and_every_mechanism_in_turn():

@@ -8,6 +8,8 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.confirm import even
+from pido.diagnosis.forms import fewest
 from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.misfit import useless
@@ -15,6 +17,7 @@ from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, inside
+from pido.diagnosis.unnamed import quantities
 from pido.diagnosis.whiten import Noise
 
 NOISE = 0.05
@@ -166,3 +169,18 @@ def test_friction_that_ends_with_speed_is_found_beside_rapids():
     (term,) = search(first_look(mismatch, rng), 1, False, rng).terms
     assert term.mechanism.id == "viscous_friction"
     assert {g.variable for g in term.gates} == {"v_x"}
+
+
+def test_what_grows_with_the_speed_of_another_axis_is_one_law_of_it_and_not_two_boxes():
+    rng = np.random.default_rng(5)
+    states = axis_states(list(recordings(5, 50.0)), "x")
+    growing = [0.25 * s.held * s.moving * (1 - np.exp(-np.abs(other(s)) / 10.0)) for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in growing])
+    coulomb, heat = (next(m for m in CATALOGUE if m.id == i) for i in ("coulomb_friction", "thermal_drift"))
+    drift = (("tau", 4000.0), ("clock", 0.0), ("along", 1.0), ("rises", 0.0))
+    library = Library(mismatch, [Term(coulomb), Term(heat, drift)])
+    library.whiten(even(mismatch))
+    boxes = [Term(coulomb, gates=(Gate("v_y", high=-5.0),)), Term(heat, drift, gates=(Gate("v_y", low=5.0),))]
+    (one,) = fewest(library, even(mismatch), boxes)
+    assert one.name == "unknown"
+    assert quantities(one) == {"v_x", "v_y"}

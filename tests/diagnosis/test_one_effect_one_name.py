@@ -23,7 +23,6 @@ from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.timing import find_delay
-from pido.diagnosis.unnamed import quantities
 from pido.diagnosis.whiten import Noise, estimate_noise
 from pido.physics.drive import answered_late
 from pido.physics.friction import dahl_state
@@ -283,28 +282,6 @@ def test_a_law_of_speed_is_likelier_than_a_box_of_speed_that_is_as_good():
     library.whiten(noise)
     slow = Term(coulomb, gates=(Gate("v_x", low=-4.0), Gate("v_x", high=4.0)))
     assert [t.name for t in fewest(library, noise, [slow])] == ["stribeck_friction"]
-
-
-def test_what_grows_with_the_speed_of_another_axis_is_one_law_of_it_and_not_two_boxes():
-    growing = lambda s: 0.1 * s.held * s.moving * (1 - np.exp(-np.abs(s.others["y"].v) / 10.0))  # noqa: E731
-    states = [s for s in axis_states(list(beside_y()), "x")]
-    rng = np.random.default_rng(5)
-    mismatch = lay_out(states, [growing(s) + rng.normal(0, NOISE, len(s.time)) for s in states])
-    coulomb = BY_ID["coulomb_friction"]
-    drift = Term(BY_ID["thermal_drift"], (("tau", 4000.0), ("clock", 0.0), ("along", 1.0), ("rises", 0.0)))
-    library = Library(mismatch, [Term(coulomb), drift])
-    library.whiten(even(mismatch))
-    boxes = [Term(coulomb, gates=(Gate("v_y", high=-6.0),)), replace(drift, gates=(Gate("v_y", low=6.0),))]
-    (one,) = fewest(library, even(mismatch), boxes)
-    assert one.name == "unknown"
-    assert quantities(one) == {"v_x", "v_y"}
-
-
-def beside_y():
-    """The same machine with a y axis that goes at feeds of its own."""
-    for k, recording in enumerate(recordings()):
-        v = np.random.default_rng([k, 7]).choice([-30.0, -15.0, -8.0, 0.0, 8.0, 15.0, 30.0], len(recording) // 50)
-        yield recording.with_columns(v_y=np.convolve(np.repeat(v, 50), np.ones(5) / 5, "same"))
 
 
 def test_what_changes_within_seconds_is_no_drift_of_temperature():
