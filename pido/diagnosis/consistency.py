@@ -36,6 +36,7 @@ _ROUNDED = 3.0  # steps of rounding that a change from sample to sample may be o
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
 _ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
 _SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
+_GOOD_PART = 0.25  # of what a spike of acceleration says, that a change of speed which is not there does not reach
 _LITTLE = 0.1  # of the change of speed in a turn, by which an acceleration that a filter spread may miss it
 _FEWEST = 50
 _ENOUGH = 20_000  # values that a median is taken of
@@ -212,6 +213,8 @@ def _speed_and_acceleration(
         if not _has_neighbours(i, j, bad):
             continue
         if np.max(rough_a[i : j + 1]) >= np.max(rough_rate[i : j + 1]):
+            if _between_samples(time, v, a, i, j):
+                continue
             spike_a[i : j + 1] |= np.abs(off[i : j + 1]) > 0.5 * usual
         else:
             # A speed that follows from a wrong position agrees with it. No drive reaches in a sample or two, and leaves
@@ -331,6 +334,16 @@ def _smoothed(time: Float1D, v: Float1D, a: Float1D, first: int, last: int) -> b
     inner, little = v[first : last + 1], _LITTLE * abs(after - before)
     between = inner.min() > min(before, after) - little and inner.max() < max(before, after) + little
     return bool(between and abs(after - before - np.trapezoid(a[around], time[around])) < little)
+
+
+def _between_samples(time: Float1D, v: Float1D, a: Float1D, first: int, last: int) -> bool:
+    """Whether an acceleration that stands out came and went between samples: the speed changes to its side as well, by
+    a good part of what it says."""
+    around = slice(first - 1, last + 2)
+    usual = _calm(a, first, last)
+    told = np.trapezoid(a[around] - usual, time[around])
+    moved = v[around][-1] - v[around][0] - usual * np.ptp(time[around])
+    return bool(moved * told > _GOOD_PART * told**2)
 
 
 def _long_runs(time: Float1D, values: Float1D) -> list[tuple[int, int]]:

@@ -19,7 +19,7 @@ from scipy import signal as dsp
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
-from pido.diagnosis.formulas import FORMS, Unnamed
+from pido.diagnosis.formulas import FORMS, Unnamed, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import signals
@@ -106,32 +106,36 @@ class Lagged(_Late):
     """A quantity that acts late: dI = k * p(u) / (1 + tau s). What acts at once has a name or is a formula.
 
     by_cut : with another coefficient while the tool cuts
+    level : with a constant beside it, as what is counted from the usual level of the quantity has
     """
 
     signal: str
     form: str
     unit: str
     by_cut: bool = False
+    level: bool = False
 
     longest: ClassVar[float] = _LONGEST_S
 
     @property
     def equation(self) -> str:  # type: ignore[override]
         u = self.form.replace("u", self.signal)
-        return f"dI = k * {u} / (1 + tau s)" + ", another k while cutting" * self.by_cut
+        return "dI = " + "k_0 + " * self.level + f"k * {u} / (1 + tau s)" + ", another k while cutting" * self.by_cut
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         names = ("k", "k_cut") if self.by_cut else ("k",)
-        return tuple(Parameter(name, f"A/({self.unit})") for name in names)
+        unit = f"({self.unit})^2" if self.form == "u²" else f"({self.unit})"
+        return (*(Parameter(name, f"A/{unit}") for name in names), *([Parameter("k_0", "A")] if self.level else []))
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = FORMS[self.form](signals(state, [self.signal])[self.signal][0])
         late = answered_late(u[None], state.time, shape["tau"])[0]
-        if not self.by_cut:
-            return late[:, None]
-        cut = np.zeros(len(u), bool) if state.engaged is None else state.engaged
-        return np.column_stack([late * ~cut, late * cut])
+        columns = [late]
+        if self.by_cut:
+            cut = np.zeros(len(u), bool) if state.engaged is None else state.engaged
+            columns = [late * ~cut, late * cut]
+        return np.column_stack([*columns, *([np.ones(len(u))] if self.level else [])])
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"following {self.signal} {shape['tau']:.3g} s late", ()
@@ -171,25 +175,34 @@ class Fading(_Late):
 
 @dataclass(frozen=True)
 class Heated(_Late):
-    """A current that is off as far as its own losses have warmed the winding: dI = k * I * I² / (1 + tau s).
+    """What changes with the heat that it has made itself: dI = k * p(u) * (q(u) / (1 + tau s)).
 
-    Source: first-order thermal model of a motor, whose torque constant falls with its temperature.
+    A motor's current with its losses (I and I²): its torque constant falls as the winding warms. A friction (v or its
+    sign, with |v| or v²): what lubricates gets thinner.
+    Source: first-order thermal model of the winding, of the guideway.
     """
 
     signal: str
+    form: str  # of the signal: u
+    loss: str  # form of the signal: p(w)
+    unit: str  # of p(u) * p(w)
 
-    amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "1/A²"),)
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return (Parameter("k", f"A/({self.unit})"),)
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        return f"dI = k * {self.signal} * ({self.signal}² / (1 + tau s))"
+        return f"dI = k * {written(self.signal, self.form)} * ({written(self.signal, self.loss)} / (1 + tau s))"
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        current = signals(state, [self.signal])[self.signal][0]
-        return (current * answered_late(current[None] ** 2, state.time, shape["tau"])[0])[:, None]
+        w = signals(state, [self.signal])[self.signal][0]
+        heat = answered_late(FORMS[self.loss](w)[None], state.time, shape["tau"])[0]
+        return (FORMS[self.form](w) * heat)[:, None]
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-        return f"in proportion to the current, growing with its losses of the last {shape['tau']:.3g} s", ()
+        u = written(self.signal, self.form)
+        return f"in proportion to {u}, changing with what {self.signal} lost as heat in some {shape['tau']:.3g} s", ()
 
 
 def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple[Float1D, str]]) -> list[Term]:
@@ -211,12 +224,23 @@ def remembering(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple
     cuts = all(e is not None and e.any() and not e.all() for e in engaged)
     for name, form in _late(known, axis):
         unit = known[name][1]
-        laws = [Lagged(name, form, unit, by_cut) for by_cut in ((False, True) if cuts else (False,))]
+        ways = [(False, False), (False, True), *([(True, False)] if cuts else [])]
+        laws = [Lagged(name, form, unit, by_cut, level) for by_cut, level in ways]
         laws += [Fading(name, form, unit, drag) for drag in ((False, True) if name == f"v_{axis}" else (False,))]
         terms += [Term(law, (("tau", tau),)) for law in laws for tau in _TIMES_S]
-    if f"I_{axis}" in known:
-        terms += [Term(Heated(f"I_{axis}"), (("tau", tau),)) for tau in _WARMING_S]
+    for name, form, loss in _warming(axis):
+        if name in known:
+            unit = unit_of([(known[name][1], form), (known[name][1], loss)])
+            terms += [Term(Heated(name, form, loss, unit), (("tau", tau),)) for tau in _WARMING_S]
     return terms
+
+
+def _warming(axis: str) -> Iterator[tuple[str, str, str]]:
+    """(signal, form, form of its losses)"""
+    yield f"I_{axis}", "u", "u²"
+    for form in ("u", "sgn u"):
+        for loss in ("|u|", "u²"):
+            yield f"v_{axis}", form, loss
 
 
 def _late(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple[str, str]]:
@@ -225,6 +249,8 @@ def _late(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple
             yield name, "u"
             if known[name][0].min() < 0 < known[name][0].max():
                 yield name, "|u|"
+            if name == f"I_{axis}":
+                yield name, "u²"  # its losses
 
 
 def _answers(mismatch: Mismatch, residual: Float1D, drive: Float1D) -> list[float]:

@@ -27,6 +27,7 @@ from pido.diagnosis.unnamed import best_nameless, quantities
 from pido.diagnosis.whiten import Noise
 
 CONSTANT = ("gravity_load", "sensor_offset")  # a weight and a zero: the same on an axis that stands upright
+_ALL_HELD = 0.95  # share of a Stribeck friction's power at standstill, above which it is what the axis holds there
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
 _HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_friction"})
 VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, friction is steady before it is uneven
@@ -50,6 +51,8 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     out = _without_limits(library.mismatch, _without_drift(library, _without_places(library, list(terms))))
     out = _without_whole_presliding(library, out)
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
+    if standing is not None and standing.name not in {t.name for t in out}:
+        out = [_held_only(library.mismatch, t, standing) for t in out]
     if standing is not None and standing.name not in {t.name for t in out}:
         for i, term in enumerate(out):
             if term.mechanism.id == "presliding_hysteresis" and not term.gates:
@@ -200,6 +203,12 @@ def _at_standstill(mismatch: Mismatch, term: Term) -> float:
     power = np.sum(term.columns(mismatch.states) ** 2, axis=0) * mismatch.usable
     still = np.concatenate([~s.moving for s in mismatch.states])
     return float(np.sum(power[still]) / max(np.sum(power), 1e-300))
+
+
+def _held_only(mismatch: Mismatch, term: Term, standing: Term) -> Term:
+    """A friction that falls with speed so soon that nothing of it is left in motion, as what the axis holds at rest."""
+    falls = term.mechanism.id == "stribeck_friction" and not term.gates
+    return standing.behind(term.lag) if falls and _at_standstill(mismatch, term) > _ALL_HELD else term
 
 
 def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +20,7 @@ from pido.diagnosis.signals import NO_PLACE, common_signals, signals
 from pido.diagnosis.state import AxisState
 
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
+_NO_FACTOR = ("uptime", "pos_sp")  # a clock, and an angle that starts again every turn, are in no product
 _SIDES = ((False, False), (True, False), (False, True))  # of a peak: on one side of zero, even, odd
 _WHEN = {"speeding": "speeds up", "braking": "slows down"}
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
@@ -35,6 +36,10 @@ class Unnamed(Mechanism):
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away, `by` (2,) in natural units of each member; as it is where there is none."""
         return dict(shape)
+
+    def variants(self) -> tuple[Unnamed, ...]:
+        """Laws of the same shape that are worth a look once this one is at its best."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ class Formula(Unnamed):
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        return " * ".join(["dI = k", *(_written(s, f) for s, f in self.factors)])
+        return " * ".join(["dI = k", *(written(s, f) for s, f in self.factors)])
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -136,6 +141,9 @@ class Peak(Unnamed):
         """The shape a step away; `by` is in widths of the peak and in powers of e."""
         return {"c": shape["c"] + float(by[0]) * shape["w"], "w": shape["w"] * float(np.exp(np.clip(by[1], -3, 3)))}
 
+    def variants(self) -> tuple[Unnamed, ...]:
+        return () if self.wide else (replace(self, wide=True),)
+
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
         u = self._written
         low, high = shape["c"] - 1.2 * shape["w"], shape["c"] + 1.2 * shape["w"]
@@ -202,12 +210,12 @@ def formulas(known: Mapping[str, tuple[Float1D, str]]) -> list[Formula]:
         forms = ("sgn u",) if name.startswith("held") else (tuple(FORMS) if signed else ("u", "u²", "√|u|", "u³"))
         if set(np.unique(values[:: max(1, len(values) // 2000)])) <= {0.0, 1.0}:
             forms = ("u",)
-        plain += [(name, f, unit) for f in forms if name != "uptime"]
+        plain += [(name, f, unit) for f in forms if name not in _NO_FACTOR]
     seen = {n: (float(v.min()), float(v.max())) for n, (v, _) in known.items()}
-    out = [Formula(((n, f),), _unit([(u, f)]), (seen[n],)) for n, f, u in plain]
+    out = [Formula(((n, f),), unit_of([(u, f)]), (seen[n],)) for n, f, u in plain]
     for (n1, f1, u1), (n2, f2, u2) in itertools.combinations(plain, 2):
         if n1 != n2 and _POWER[f1] + _POWER[f2] <= 3:
-            out.append(Formula(((n1, f1), (n2, f2)), _unit([(u1, f1), (u2, f2)]), (seen[n1], seen[n2])))
+            out.append(Formula(((n1, f1), (n2, f2)), unit_of([(u1, f1), (u2, f2)]), (seen[n1], seen[n2])))
     return out
 
 
@@ -235,7 +243,7 @@ def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
 
     None over a simulated current: it is a law of everything at once, and a curve over it fits what any law lacks.
     """
-    known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n != "uptime" and n[:2] != "I_"}
+    known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n not in _NO_FACTOR and n[:2] != "I_"}
     ready = {}
     for name, values in known.items():
         split = (name.split("_")[0] in _SIGNED and bool(values.min() < 0 < values.max())) or name.startswith("f_")
@@ -298,10 +306,10 @@ def _hat_rows(u: Float1D, knots: Float1D) -> Float2D:
     return out
 
 
-def _unit(factors: Sequence[tuple[str, str]]) -> str:
+def unit_of(factors: Sequence[tuple[str, str]]) -> str:
     """Of a product of forms.
 
-    >>> _unit([("deg/s", "u"), ("mm²", "√|u|")])
+    >>> unit_of([("deg/s", "u"), ("mm²", "√|u|")])
     '(deg/s)·mm'
     """
     parts = []
@@ -316,7 +324,7 @@ def _unit(factors: Sequence[tuple[str, str]]) -> str:
     return "·".join(parts) or "–"
 
 
-def _written(signal: str, form: str) -> str:
+def written(signal: str, form: str) -> str:
     return (
         form.replace("sgn u", f"sgn({signal})").replace("|u|", f"|{signal}|").replace("u", signal, 1)
         if (form not in ("u|u|", "√|u| sgn u"))

@@ -212,16 +212,16 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
         case Bend(signal=signal, seen=seen, turns=turns):
             own |= {"bends": signal, "seen": list(seen), "turns": turns}
-        case Wave(place=place, signal=signal, unit=unit):
-            own |= {"waves": place, "signal": signal, "unit": unit}
+        case Wave(place=place, signal=signal, unit=unit, harmonics=harmonics):
+            own |= {"waves": place, "signal": signal, "unit": unit, "harmonics": harmonics}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
-        case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut):
-            own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut}
+        case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut, level=level):
+            own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut, "level": level}
         case Fading(signal=signal, form=form, unit=unit, in_motion=in_motion):
             own |= {"fades": signal, "form": form, "unit": unit, "in_motion": in_motion}
-        case Heated(signal=signal):
-            own["heats"] = signal
+        case Heated(signal=signal, form=form, loss=loss, unit=unit):
+            own |= {"heats": signal, "form": form, "loss": loss, "unit": unit}
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -265,7 +265,7 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "waves" in own:
-        return Wave(str(own["waves"]), str(own["signal"]), str(own["unit"]))
+        return Wave(str(own["waves"]), str(own["signal"]), str(own["unit"]), int(own.get("harmonics", 1)))
     if "signal" in own:
         later = (bool(own.get(flag)) for flag in ("odd", "wide"))  # models of before do not have
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), *later)
@@ -275,11 +275,14 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "rings" in own:
         return Ringing(str(own["rings"]), str(own["unit"]))
     if "lags" in own:
-        return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]))
+        level = bool(own.get("level"))  # models of before do not have
+        return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]), level)
     if "fades" in own:
         return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), bool(own["in_motion"]))
     if "heats" in own:
-        return Heated(str(own["heats"]))
+        # Models of before heat by the losses of the current only.
+        form, loss, unit = (str(own.get(n, d)) for n, d in (("form", "u"), ("loss", "u²"), ("unit", "(A)·(A)^2")))
+        return Heated(str(own["heats"]), form, loss, unit)
     if "variables" in own:
         knots = tuple(tuple(float(k) for k in ks) for ks in own["knots"])
         return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from pido.core.arrays import Array1D, Bool1D, Float1D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.core.errors import DiagnosisError
 from pido.diagnosis.state import AxisState
@@ -20,14 +20,31 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     "speeding_{}": "1 while v_{} * a_{} > 0, else 0",
     "braking_{}": "1 while v_{} * a_{} < 0, else 0",
     "d_{}": "way since the last reversal",
+    "way_{}": "way since the part began",
+    "j_{}": "jerk, da_{}/dt",
+    "t_go_{}": "time since the axis began to move, at most 10 s, 0 at rest",
+    "rested_{}": "how long the axis stood before it moved, at most 60 s, 0 at rest",
     "I_{}": "simulated current",
+    "I_all": "simulated currents of all axes together, without their signs",
     "feed": "speed along the path",
+    "feed_rev": "feed per revolution of the spindle, 0 while it stands",
+    "a_n": "acceleration across the path",
     "t_block": "time in the NC block, at most 10 s",
     "t_cut": "time in this cut, at most 10 s, 0 outside",
     "uptime": "the machine's clock",
 }
-NO_PLACE = ("held", "speeding", "braking", "coolant", "uptime", "I_")  # over which neither a peak nor a bend is a law
-_LONG_S = 10.0  # after which it no longer matters how long ago a block or a cut began
+NO_PLACE = (
+    "held",
+    "speeding",
+    "braking",
+    "coolant",
+    "uptime",
+    "I_",
+    "pos_sp",
+)  # over which neither a peak nor a bend is a law
+_LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
+_STANDS = 0.02  # mm/s
+_LONG_REST_S = 60.0  # after which it no longer matters how long an axis stood
 
 
 def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
@@ -49,9 +66,16 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"speeding_{a}": (lambda: (state.v * state.a > 0).astype(float), "–"),
         f"braking_{a}": (lambda: (state.v * state.a < 0).astype(float), "–"),
         f"d_{a}": (state.since_reversal, length),
+        f"way_{a}": (lambda: np.cumsum(np.abs(state.v) * state.moving) * state.dt, length),
+        f"j_{a}": (lambda: np.gradient(state.a, state.dt) if state.dt > 0 else None, f"{speed}³"),
+        f"t_go_{a}": (lambda: _since_change(state.time, state.moving, state.moving), "s"),
+        f"rested_{a}": (lambda: _rested(state.time, state.moving), "s"),
         f"I_{a}": (state.sim, "A"),
         **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
+        "I_all": (lambda: _together(state), "A"),
         "feed": (lambda: _feed(state), "mm/s"),
+        "feed_rev": (lambda: _feed_per_revolution(state), "mm"),
+        "a_n": (lambda: _across_path(state), "mm/s²"),
         **{f"f_{axis}": (force, "N") for axis, force in state.forces.items()},
         "t_block": (lambda: _since_change(state.time, state.nc_line), "s"),
         "t_cut": (lambda: _since_change(state.time, state.engaged, state.engaged), "s"),
@@ -59,6 +83,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         "MRR": (state.mrr, "mm³/s"),
         "AR": (state.ar, "mm²"),
         "coolant": (state.coolant, "–"),
+        "pos_sp": (state.angle, "deg"),
         "uptime": (state.clock if state.clock is not None else None, "s"),
     }
     for name, other in state.others.items():
@@ -91,10 +116,49 @@ def meanings(text: str, axis: str) -> list[str]:
 
 def _feed(state: AxisState) -> Float1D | None:
     """Speed along the path, mm/s; None with fewer than two linear axes."""
-    speeds = [o.v for name, o in state.others.items() if name in LINEAR_AXES]
-    if not speeds:
+    linear = _linear(state)
+    return None if linear is None else np.sqrt(np.sum(linear[0] ** 2, axis=0))
+
+
+def _linear(state: AxisState) -> tuple[Float2D, Float2D] | None:
+    """Speeds and accelerations of the linear axes, (k, n) each; None where nothing but one axis' own is known."""
+    motions = [o for name, o in state.others.items() if name in LINEAR_AXES]
+    if not motions:
         return None
-    return np.sqrt(sum(v**2 for v in (speeds if state.axis == "sp" else [state.v, *speeds])))
+    own = [] if state.axis == "sp" else [state]
+    return np.array([m.v for m in (*own, *motions)]), np.array([m.a for m in (*own, *motions)])
+
+
+def _across_path(state: AxisState) -> Float1D | None:
+    """mm/s² – what turns the path; 0 at rest."""
+    linear = _linear(state)
+    if linear is None:
+        return None
+    v, a = linear
+    along = np.sum(v * a, axis=0) ** 2 / np.maximum(np.sum(v**2, axis=0), 1e-12)
+    return np.sqrt(np.maximum(np.sum(a**2, axis=0) - along, 0.0)) * (np.sum(v**2, axis=0) > _STANDS**2)
+
+
+def _feed_per_revolution(state: AxisState) -> Float1D | None:
+    feed, spindle = _feed(state), state if state.axis == "sp" else state.others.get("sp")
+    if feed is None or spindle is None:
+        return None
+    return np.where(spindle.moving, 360.0 * feed / np.where(spindle.moving, np.abs(spindle.v), 1.0), 0.0)
+
+
+def _together(state: AxisState) -> Float1D | None:
+    return None if state.sim is None or not state.sims else sum(map(np.abs, state.sims.values()), np.abs(state.sim))
+
+
+def _rested(time: Float1D, moving: Bool1D) -> Float1D:
+    """s that the axis stood before the motion it is in."""
+    starts = np.flatnonzero(moving & ~np.r_[True, moving[:-1]])
+    stops = np.flatnonzero(~moving & np.r_[True, moving[:-1]])
+    stops = np.r_[0, stops] if len(moving) and not moving[0] and (not len(stops) or stops[0] > 0) else stops
+    out = np.zeros(len(time))
+    for start, stop in zip(starts, stops, strict=False):
+        out[start:] = min(time[start] - time[stop], _LONG_REST_S)
+    return out * moving
 
 
 def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = None) -> Float1D | None:

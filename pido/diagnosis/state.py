@@ -56,7 +56,7 @@ class AxisState:
     teeth_in_cut : mean number of teeth that are in the material at once; tool_radius : mm
     cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
     clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
-    places : machine position of each linear axis, mm
+    places : machine position of each linear axis, mm; angle : of the spindle, deg
     wx, wy, wz : mm from the centre (top) of the workpiece; workpiece_size : its (x, y) size, mm
     lead : ball screw lead, mm; vertical : True where gravity acts along the axis
     sim, curr : A, simulated and recorded current; sims : A, simulated current of the other axes
@@ -95,6 +95,7 @@ class AxisState:
     clock: Float1D | None = None
     earlier: tuple[tuple[float, float], ...] | None = None
     places: Mapping[str, Float1D] = field(default_factory=dict)
+    angle: Float1D | None = None
     wx: Float1D | None = None
     wy: Float1D | None = None
     wz: Float1D | None = None
@@ -204,6 +205,7 @@ def _state(
         clock=clock,
         earlier=earlier,
         places=places,
+        angle=_position(recording, "sp"),
         wx=None if center is None or pos_x is None else pos_x - center[0],
         wy=None if center is None or pos_y is None else pos_y - center[1],
         wz=None if top is None or pos_z is None else pos_z - top,

@@ -21,6 +21,7 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 
 _LONGEST_S = 0.5
+_LEAST_STEPS = 0.05  # steps of the recording, from which a shift is one
 _LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
 
 Pair = tuple[float, float]  # offset in s and drift in s/s, or their standard deviations
@@ -67,6 +68,12 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
     # A shift is the same on all axes: what one gains, and the others lose as clearly, is its own.
     against = -sum(min(g, 0.0) for g in gains.values())
     if sum(g > 0 for g in gains.values()) < 2 and against > _LEAST_GAIN:
+        return None
+    # So small a part of a sample is what any dynamics beside the simulation's look like, and no clock.
+    longest = max(float(s.time[-1]) for m in with_sim.values() for s in m.states)
+    if max(abs(best[0]), abs(best[0] + best[1] * longest)) < _LEAST_STEPS * min(
+        s.dt for m in with_sim.values() for s in m.states
+    ):
         return None
     return Delay(best[0], best[1], _as_wide(with_sim, noises, best, sd), total, gains)
 

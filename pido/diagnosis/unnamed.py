@@ -35,6 +35,7 @@ from pido.diagnosis.formulas import (
 )
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.library import Basis, Library, Score, basis
+from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import common_signals
 from pido.diagnosis.terms import Term, bic, fit
@@ -59,6 +60,7 @@ _ROWS = 3_000  # of the coarse residual, on which these are compared
 _RIDGE = 1e-3  # of a knot's own power
 _MANY = 3  # laws on one axis: so many at once are less likely than one that nobody has named
 _FINALISTS = 12
+_TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
 _REMEMBERS = (Ringing, Lagged, Fading, Heated)
@@ -168,9 +170,14 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     offered = [t.behind(library.lag) for t in _ranked(mismatch.axis, known, few)]
     late = remembering(mismatch, residual, whole)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
-    scores.sort(key=lambda s: s.bic)
-    tuned = (tune(library, current, s) for s in scores if not is_known(library, noise, s))
-    best = next((s for s in tuned if not (is_known(library, noise, s) or _at_an_edge(s.term, start))), None)
+    laws: dict[Mechanism, Score] = {}
+    for score in sorted(scores, key=lambda s: s.bic):
+        if not _at_an_edge(score.term, start):
+            laws.setdefault(score.term.mechanism, score)
+    tuned = (tune(library, current, s) for s in laws.values() if not is_known(library, noise, s))
+    new = (s for s in tuned if not (is_known(library, noise, s) or _at_an_edge(s.term, start)))
+    # A shape may be far from its best where it was looked at first.
+    best = min(itertools.islice(new, _TUNED), key=lambda s: s.bic, default=None)
     if best is None:
         return []
     curve = best
@@ -248,7 +255,7 @@ def _gains_of_formulas(
 
 
 def tune(library: Library, current: Basis, score: Score) -> Score:
-    """The shape of an unnamed term moved to its best; of a peak, the better of the two ways to fade."""
+    """The shape of an unnamed term moved to its best, and the best of its variants."""
     best, size, mechanism = score, dict(score.term.shape), score.term.mechanism
     if not isinstance(mechanism, Unnamed) or not size:
         return score
@@ -261,10 +268,8 @@ def tune(library: Library, current: Basis, score: Score) -> Score:
         return current.rss if found is None else current.rss - found.gain
 
     minimize(loss, np.zeros(2), method="Nelder-Mead", options={"maxfev": 40, "initial_simplex": _SIMPLEX})
-    if isinstance(mechanism, Peak) and not mechanism.wide:
-        wider = library.score(replace(best.term, mechanism=replace(mechanism, wide=True)), current)
-        best = best if wider is None else min(best, tune(library, current, wider), key=lambda s: s.bic)
-    return best
+    others = (library.score(replace(best.term, mechanism=other), current) for other in mechanism.variants())
+    return min([best, *(tune(library, current, s) for s in others if s is not None)], key=lambda s: s.bic)
 
 
 def is_known(library: Library, noise: Noise, score: Score) -> bool:

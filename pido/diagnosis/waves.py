@@ -8,8 +8,7 @@ Source: least-squares spectral analysis (Lomb 1976; Scargle 1982), over a place 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,40 +20,60 @@ from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
-_SHORTEST_MM = 4.0  # pitch of the finest ball screws
+_SHORTEST_MM = 2.0  # pitch of the finest ball screws
+_TURN = 360.0  # deg
+_OF_A_TURN = (1, 2, 3, 4, 5, 6)  # waves in one turn of the spindle: its own, and of as many teeth or poles
+_HARMONICS = (1, 3, 6)  # what repeats itself need not be a sine
 _PER_WAVE = 4  # wave numbers tried per independent one
 _MOST = 1_200  # wave numbers of one travel
 
 
 @dataclass(frozen=True)
 class Wave(Unnamed):
-    """dI = (k_s sin(2 pi s / L) + k_c cos(2 pi s / L)) * u over a place s; without a signal u = 1."""
+    """dI = sum over n of (k_sn sin(2 pi n s / L) + k_cn cos(2 pi n s / L)) * u over a place s; without a signal u = 1.
+
+    harmonics : n from 1 to this
+    """
 
     place: str
     signal: str
     unit: str
+    harmonics: int = 1
 
-    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("L", "mm", low=0.0, scale="log"),)
+    @property
+    def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return (Parameter("L", self._length, low=0.0, scale="log"),)
+
+    @property
+    def _length(self) -> str:
+        return "deg" if self.place == "pos_sp" else "mm"
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        wave = f"(k_s sin(2 pi {self.place} / L) + k_c cos(2 pi {self.place} / L))"
-        return f"dI = {wave} * {self.signal}" if self.signal else f"dI = {wave}"
+        s, u = self.place, f" * {self.signal}" * bool(self.signal)
+        if self.harmonics == 1:
+            return f"dI = (k_s sin(2 pi {s} / L) + k_c cos(2 pi {s} / L)){u}"
+        wave = f"k_sn sin(2 pi n {s} / L) + k_cn cos(2 pi n {s} / L)"
+        return f"dI = sum of {wave} for n = 1 .. {self.harmonics}" + f", all{u}" * bool(u)
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         per = f"A/({self.unit})" if self.unit != "–" else "A"
-        return Parameter("k_s", per), Parameter("k_c", per)
+        count = [""] if self.harmonics == 1 else [str(n + 1) for n in range(self.harmonics)]
+        return tuple(Parameter(f"k_{side}{n}", per) for n in count for side in "sc")
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         known = signals(state, [n for n in (self.place, self.signal) if n])
         angle = 2 * np.pi * known[self.place][0] / shape["L"]
-        rows = np.column_stack([np.sin(angle), np.cos(angle)])
+        rows = np.column_stack([f(n * angle) for n in range(1, self.harmonics + 1) for f in (np.sin, np.cos)])
         return rows * known[self.signal][0][:, None] if self.signal else rows
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         own = f", with {self.signal}" if self.signal else ""
-        return f"in waves of {shape['L']:.3g} mm along {self.place}{own}", ()
+        return f"repeating every {shape['L']:.3g} {self._length} of {self.place}{own}", ()
+
+    def variants(self) -> tuple[Unnamed, ...]:
+        return tuple(replace(self, harmonics=n) for n in _HARMONICS if n > self.harmonics == 1)
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         far = 0.5 / max(self._waves(shape["L"], states), 1.0)
@@ -75,10 +94,11 @@ def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> l
     known : signals in the rows of `few`
     """
     found = []
-    for place in (n for n in known if n.startswith("pos_")):
+    for place in (n for n in known if n.startswith("pos_") or n == f"d_{axis}"):
         s = known[place][0]
         travel = float(np.ptp(s))
         numbers = np.arange(1.0, travel / _SHORTEST_MM, 1 / _PER_WAVE)[:_MOST] / travel
+        numbers = np.array(_OF_A_TURN) / _TURN if place == "pos_sp" else numbers
         carriers = _carriers(axis, known, place)
         if not len(numbers) or not carriers:
             continue

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from pido.core.part import PartInfo
-from pido.core.recording import Recording
 from pido.diagnosis.dynamics import Fading, Heated, Lagged, Ringing
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.library import Library, basis
@@ -18,42 +16,7 @@ from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import is_known, with_unknown
 from pido.diagnosis.whiten import Noise
-
-NOISE = 0.05
-STEP = 0.01
-VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
-
-
-def part(k, rows=3000, stops=False):
-    """x and y go to and fro in ramps of their own; with stops, a third of the time they stand."""
-    rng = np.random.default_rng(k)
-    t = np.arange(rows) * STEP
-    columns = {"time": t}
-    for axis in "xy":
-        speeds = rng.uniform(-12, 12, rows // 50) * (rng.random(rows // 50) > 0.35 if stops else 1)
-        v = np.convolve(np.repeat(speeds, 50), np.ones(9) / 9, "same")
-        v = np.where(np.abs(v) < 1e-9, 0.0, v)
-        columns |= {f"v_{axis}": v, f"pos_{axis}": np.cumsum(v) * STEP, f"a_{axis}": np.gradient(v, t)}
-    return Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)
-
-
-def planted(effect, **how):
-    """A library of viscous friction, and white noise, over an effect: state -> (n,), A, of twice the noise."""
-    states = axis_states([part(k, **how) for k in range(3)], "x")
-    effects = [effect(s) for s in states]
-    size = np.std(np.concatenate(effects))
-    rng = np.random.default_rng(0)
-    mismatch = lay_out(states, [2 * NOISE / size * e + rng.normal(0, NOISE, len(e)) for e in effects])
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-    library = Library(mismatch, [Term(VISCOUS)])
-    library.whiten(noise)
-    return library, noise
-
-
-def found_in(effect, **how):
-    """What the search without a name makes of it."""
-    (term,), _ = with_unknown(*planted(effect, **how), [], 0)
-    return term
+from tests.diagnosis.planted import NOISE, STEP, found_in, part, planted
 
 
 def test_an_axis_that_rings_after_each_change_of_speed():
@@ -161,7 +124,7 @@ def test_a_torque_constant_that_falls_as_the_winding_warms_is_one_law_and_no_gai
     library = Library(mismatch, [Term(next(m for m in CATALOGUE if m.id == "sensor_gain"))])
     library.whiten(noise)
     (term,), _ = with_unknown(library, noise, [library.terms[0]], 0)
-    assert term.mechanism == Heated("I_x")
+    assert term.mechanism == Heated("I_x", "u", "u²", "(A)·(A)^2")
     assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.1)
     model = AxisModel("x", NOISE, (term,), (np.array([0.1]),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)

@@ -91,6 +91,20 @@ def test_a_quick_turn_whose_acceleration_is_smoothed_is_no_spike(fault):
     assert ("v_x" in found) == bool(fault)
 
 
+def test_an_acceleration_that_came_and_went_between_samples_is_no_spike_and_one_without_a_change_of_speed_is():
+    t = np.arange(0.0, 60.0, 0.0005)
+    wanted = np.repeat(np.random.default_rng(3).choice([-6.0, -2.0, 0.0, 2.0, 6.0], 25), 4800)
+    slow = np.convolve(wanted, np.ones(1000) / 1000, "same") + 3.0 * (t > 30.006)  # one step of 3 mm/s within 5 ms
+    v = np.convolve(slow, np.ones(10) / 10, "same")
+    a, seen = np.gradient(v, t), slice(12, -200, 32)
+    columns = {"time": t[seen] - t[12], "pos_x": np.cumsum(v)[seen] * 0.0005, "v_x": v[seen], "a_x": a[seen]}
+    at = int(np.argmin(np.abs(t[seen] - 30.006)))
+    columns["a_x"][at] = 550.0  # caught at its height
+    recording = Recording(PartInfo(part="p", machine="m"), columns)
+    assert input_faults(recording) == {}
+    assert set(input_faults(put(recording, "a_x", slice(1500, 1501), 550.0))) == {"a_x"}
+
+
 def test_a_move_between_two_slow_samples_is_no_counter_reset():
     """20 Hz: 6 mm under 8 m/s², of which the samples show the end alone."""
     fine = np.arange(60_000) / 1000.0

@@ -1,0 +1,105 @@
+"""What a current could depend on beside the columns themselves, and laws over it that are found without a name."""
+
+import numpy as np
+import pytest
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.dynamics import Heated, Lagged
+from pido.diagnosis.formulas import Formula
+from pido.diagnosis.models import AxisModel, as_json, axis_models
+from pido.diagnosis.signals import signals
+from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.unnamed import quantities
+from pido.diagnosis.waves import Wave
+from tests.diagnosis.planted import NOISE, found_in
+
+
+def state_of(**columns) -> AxisState:
+    n = len(columns["v_x"])
+    info = PartInfo(part="p", machine="m", order=1)
+    return axis_states([Recording(info, {"time": np.arange(n) * 0.01, **columns})], "x")[0]
+
+
+def test_on_a_circle_all_acceleration_is_across_the_path():
+    t = np.arange(1000) * 0.01
+    v, w = 20.0, 1.5
+    state = state_of(
+        v_x=v * np.cos(w * t), a_x=-v * w * np.sin(w * t), v_y=v * np.sin(w * t), a_y=v * w * np.cos(w * t)
+    )
+    across, unit = signals(state)["a_n"]
+    assert unit == "mm/s²"
+    np.testing.assert_allclose(across, v * w, rtol=1e-9)
+
+
+def test_feed_per_revolution_is_none_while_the_spindle_stands():
+    spindle = np.r_[np.zeros(10), np.full(90, 36_000.0)]  # 100 revolutions a second
+    state = state_of(v_x=np.full(100, 3.0), v_y=np.full(100, 4.0), v_sp=spindle)
+    np.testing.assert_allclose(signals(state)["feed_rev"][0], np.r_[np.zeros(10), np.full(90, 0.05)])
+
+
+def test_time_since_the_start_rest_before_it_and_way():
+    speed = np.r_[np.zeros(100), np.full(50, 5.0), np.zeros(200), np.full(50, -5.0)]
+    known = signals(state_of(v_x=speed), ["t_go_x", "rested_x", "way_x"])
+    began = known["t_go_x"][0]
+    assert began[120] == pytest.approx(0.20)
+    assert began[200] == 0.0
+    assert began[360] == pytest.approx(0.10)
+    rested = known["rested_x"][0]
+    assert (rested[50], rested[200]) == (0.0, 0.0)
+    assert rested[120] == pytest.approx(1.0)
+    assert rested[360] == pytest.approx(2.0)
+    assert known["way_x"][0][-1] == pytest.approx(5.0)
+
+
+def test_a_supply_is_loaded_by_all_axes_together():
+    load = {f"curr_{a}_sim": np.full(50, i) for a, i in zip("xyz", (1.0, -2.0, 0.5), strict=True)}
+    state = state_of(v_x=np.ones(50), **load)
+    np.testing.assert_allclose(signals(state)["I_all"][0], 3.5)
+
+
+def test_what_repeats_itself_along_the_way_since_a_reversal_is_one_law_with_its_period():
+    def teeth(state):
+        return np.nan_to_num(state.since_reversal, posinf=0.0) / 3.1 % 1.0 - 0.5
+
+    term = found_in(teeth, strength=6.0)
+    assert isinstance(term.mechanism, Wave)
+    assert term.mechanism.place == "d_x"
+    assert term.mechanism.harmonics > 1
+    assert dict(term.shape)["L"] == pytest.approx(3.1, rel=0.01)
+    model = AxisModel("x", NOISE, (term,), (np.ones(len(term.mechanism.amplitudes)),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
+def test_a_friction_that_its_own_heat_thins_is_one_law_with_its_time_constant():
+    def thinned(state):
+        heat, out = abs(state.v[0]), np.zeros(len(state.v))
+        for i, v in enumerate(state.v):
+            heat += 0.01 / 2.0 * (abs(v) - heat)
+            out[i] = -v * heat
+        return out
+
+    term = found_in(thinned, strength=6.0, stops=True)
+    assert isinstance(term.mechanism, Heated)
+    assert (term.mechanism.signal, term.mechanism.form, term.mechanism.loss) == ("v_x", "u", "|u|")
+    assert dict(term.shape)["tau"] == pytest.approx(2.0, rel=0.1)
+
+
+def test_what_acts_late_counts_from_a_level_of_its_own():
+    def late(state):
+        out, level = np.zeros(len(state.v)), 0.0
+        for i, v in enumerate(np.abs(state.v)):
+            level += 0.01 / 2.0 * (v - level)
+            out[i] = level - 9.0
+        return out
+
+    term = found_in(late, strength=6.0)
+    assert isinstance(term.mechanism, Lagged)
+    assert (term.mechanism.signal, term.mechanism.form, term.mechanism.level) == ("v_x", "|u|", True)
+    assert dict(term.shape)["tau"] == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_corner_that_loads_an_axis_is_a_law_of_what_turns_the_path():
+    term = found_in(lambda s: signals(s, ["a_n"])["a_n"][0])
+    assert isinstance(term.mechanism, Formula)
+    assert quantities(term) == {"a_n"}
