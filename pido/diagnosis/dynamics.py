@@ -244,7 +244,7 @@ def _warming(axis: str) -> Iterator[tuple[str, str, str]]:
 
 
 def _late(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple[str, str]]:
-    for name in (f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp"):
+    for name in dict.fromkeys((f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp", "v_sp", "a_sp")):
         if name in known:
             yield name, "u"
             if known[name][0].min() < 0 < known[name][0].max():

@@ -94,7 +94,7 @@ def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> l
     known : signals in the rows of `few`
     """
     found = []
-    for place in (n for n in known if n.startswith("pos_") or n == f"d_{axis}"):
+    for place in (n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}")):
         s = known[place][0]
         travel = float(np.ptp(s))
         numbers = np.arange(1.0, travel / _SHORTEST_MM, 1 / _PER_WAVE)[:_MOST] / travel

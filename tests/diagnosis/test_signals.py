@@ -71,6 +71,17 @@ def test_what_repeats_itself_along_the_way_since_a_reversal_is_one_law_with_its_
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)
 
 
+def test_a_drag_that_grows_until_the_guideway_is_greased_repeats_along_the_way():
+    def greased(state):
+        way = np.cumsum(np.abs(state.v) * state.moving) * 0.01
+        return ((way / 40.0 % 1.0) ** 2 - 1 / 3) * state.held  # beside what it is on average
+
+    term = found_in(greased, strength=4.0)
+    assert isinstance(term.mechanism, Wave)
+    assert (term.mechanism.place, term.mechanism.signal) == ("way_x", "held_x")
+    assert dict(term.shape)["L"] == pytest.approx(40.0, rel=0.02)
+
+
 def test_a_friction_that_its_own_heat_thins_is_one_law_with_its_time_constant():
     def thinned(state):
         heat, out = abs(state.v[0]), np.zeros(len(state.v))
