@@ -33,17 +33,10 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     "t_cut": "time in this cut, at most 10 s, 0 outside",
     "uptime": "the machine's clock",
 }
-NO_PLACE = (
-    "held",
-    "speeding",
-    "braking",
-    "coolant",
-    "uptime",
-    "I_",
-    "pos_sp",
-)  # over which neither a peak nor a bend is a law
+# Over which neither a peak nor a bend is a law.
+NO_PLACE = ("held", "speeding", "braking", "coolant", "uptime", "I_", "pos_sp")
 _LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
-_STANDS = 0.02  # mm/s
+_STANDS = 0.02  # mm/s along the path, and less
 _LONG_REST_S = 60.0  # after which it no longer matters how long an axis stood
 
 
@@ -154,7 +147,6 @@ def _rested(time: Float1D, moving: Bool1D) -> Float1D:
     """s that the axis stood before the motion it is in."""
     starts = np.flatnonzero(moving & ~np.r_[True, moving[:-1]])
     stops = np.flatnonzero(~moving & np.r_[True, moving[:-1]])
-    stops = np.r_[0, stops] if len(moving) and not moving[0] and (not len(stops) or stops[0] > 0) else stops
     out = np.zeros(len(time))
     for start, stop in zip(starts, stops, strict=False):
         out[start:] = min(time[start] - time[stop], _LONG_REST_S)

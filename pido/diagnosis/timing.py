@@ -49,7 +49,8 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
     with_sim = {a: m for a, m in axes.items() if m.sim is not None and np.ptp(m.sim[m.usable]) > 0}
     if not with_sim:
         return None
-    step = min(s.dt for m in with_sim.values() for s in m.states) * max(m.stride for m in with_sim.values())
+    finest = min(s.dt for m in with_sim.values() for s in m.states)
+    step = finest * max(m.stride for m in with_sim.values())
     before = {a: _rss(m, noises[a], (0.0, 0.0)) for a, m in with_sim.items()}
     reach = int(np.ceil(_LONGEST_S / step))
     tries = np.unique(np.round(np.r_[np.arange(-4, 5), np.linspace(-reach, reach, min(41, 2 * reach + 1))])) * step
@@ -71,9 +72,7 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
         return None
     # So small a part of a sample is what any dynamics beside the simulation's look like, and no clock.
     longest = max(float(s.time[-1]) for m in with_sim.values() for s in m.states)
-    if max(abs(best[0]), abs(best[0] + best[1] * longest)) < _LEAST_STEPS * min(
-        s.dt for m in with_sim.values() for s in m.states
-    ):
+    if max(abs(best[0]), abs(best[0] + best[1] * longest)) < _LEAST_STEPS * finest:
         return None
     return Delay(best[0], best[1], _as_wide(with_sim, noises, best, sd), total, gains)
 
