@@ -64,7 +64,8 @@ class Formula(Unnamed):
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        return (Parameter("k", f"A/({self.unit})" if self.unit != "–" else "A"),)
+        one = self.unit.startswith("(") and self.unit.index(")") == len(self.unit) - 1
+        return (Parameter("k", "A" if self.unit == "–" else f"A/{self.unit}" if one else f"A/({self.unit})"),)
 
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
         if not self.factors:

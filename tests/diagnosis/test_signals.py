@@ -114,3 +114,4 @@ def test_a_corner_that_loads_an_axis_is_a_law_of_what_turns_the_path():
     term = found_in(lambda s: signals(s, ["a_n"])["a_n"][0])
     assert isinstance(term.mechanism, Formula)
     assert quantities(term) == {"a_n"}
+    assert [p.unit for p in term.mechanism.amplitudes] == ["A/(mm/s²)"]
