@@ -149,9 +149,12 @@ class Library:
     def score(self, term: Term, current: Basis) -> Score | None:
         """The same for one term anywhere in its shape space."""
         assert self.noise is not None
-        rows = self.noise.whiten(self.columns(term).astype(np.float32))
+        columns = self.columns(term)
+        # A cube of a jerk is beyond what single precision holds; by powers of two nothing is rounded.
+        size = np.exp2(np.frexp(np.max(np.abs(columns), axis=1, initial=0.0))[1].astype(float))
+        rows = self.noise.whiten((columns / size[:, None]).astype(np.float32))
         gram, onto, inner = rows @ rows.T, rows @ current.Q32.T, rows @ current.residual32
-        return self._score(term, gram.astype(float), onto.astype(float), inner.astype(float), current)
+        return self._score(term, gram * np.outer(size, size), onto * size[:, None], inner * size, current)
 
     def _score(self, term: Term, gram: Float2D, onto: Float2D, inner: Float1D, current: Basis) -> Score | None:
         own = np.diag(gram)

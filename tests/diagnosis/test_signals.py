@@ -1,5 +1,7 @@
 """What a current could depend on beside the columns themselves, and laws over it that are found without a name."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,12 +9,16 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.dynamics import Heated, Lagged
 from pido.diagnosis.formulas import Formula
+from pido.diagnosis.library import Library, basis
+from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import quantities
 from pido.diagnosis.waves import Wave
-from tests.diagnosis.planted import NOISE, found_in
+from pido.diagnosis.whiten import Noise
+from tests.diagnosis.planted import NOISE, found_in, part
 
 
 def state_of(**columns) -> AxisState:
@@ -108,6 +114,20 @@ def test_what_acts_late_counts_from_a_level_of_its_own():
     assert isinstance(term.mechanism, Lagged)
     assert (term.mechanism.signal, term.mechanism.form, term.mechanism.level) == ("v_x", "|u|", True)
     assert dict(term.shape)["tau"] == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_law_is_judged_alike_in_whatever_unit_its_quantity_is_large():
+    def judged(times):
+        states = [replace(s, a=times * s.a) for s in axis_states([part(k) for k in range(2)], "x")]
+        target = [1e-6 * (s.a / times) ** 3 + np.random.default_rng(0).normal(0, NOISE, len(s.a)) for s in states]
+        mismatch = lay_out(states, target)
+        noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+        library = Library(mismatch, [])
+        library.whiten(noise)
+        cube = Term(Formula((("a_x", "u³"),), "(mm/s²)^3"))
+        return library.score(cube, basis(library, noise, [])).gain
+
+    assert judged(1e10) == pytest.approx(judged(1.0), rel=1e-4)
 
 
 def test_a_corner_that_loads_an_axis_is_a_law_of_what_turns_the_path():
