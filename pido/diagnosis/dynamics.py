@@ -119,14 +119,14 @@ class Lagged(_Late):
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        u = self.form.replace("u", self.signal)
-        return "dI = " + "k_0 + " * self.level + f"k * {u} / (1 + tau s)" + ", another k while cutting" * self.by_cut
+        late = f"k * {written(self.signal, self.form)} / (1 + tau s)"
+        return "dI = " + "k_0 + " * self.level + late + ", another k while cutting" * self.by_cut
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         names = ("k", "k_cut") if self.by_cut else ("k",)
-        unit = f"({self.unit})^2" if self.form == "u²" else f"({self.unit})"
-        return (*(Parameter(name, f"A/{unit}") for name in names), *([Parameter("k_0", "A")] if self.level else []))
+        unit = f"A/{unit_of([(self.unit, self.form)])}"
+        return (*(Parameter(name, unit) for name in names), *([Parameter("k_0", "A")] if self.level else []))
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         u = FORMS[self.form](signals(state, [self.signal])[self.signal][0])
@@ -157,7 +157,7 @@ class Fading(_Late):
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        u = self.form.replace("u", self.signal)
+        u = written(self.signal, self.form)
         return f"dI = k * {u} * tau s / (1 + tau s)" + ", 0 at standstill" * self.in_motion
 
     @property
@@ -183,9 +183,9 @@ class Heated(_Late):
     """
 
     signal: str
-    form: str  # of the signal: u
-    loss: str  # form of the signal: p(w)
-    unit: str  # of p(u) * p(w)
+    form: str  # p
+    loss: str  # q
+    unit: str  # of p(u) * q(u)
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -196,9 +196,9 @@ class Heated(_Late):
         return f"dI = k * {written(self.signal, self.form)} * ({written(self.signal, self.loss)} / (1 + tau s))"
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        w = signals(state, [self.signal])[self.signal][0]
-        heat = answered_late(FORMS[self.loss](w)[None], state.time, shape["tau"])[0]
-        return (FORMS[self.form](w) * heat)[:, None]
+        u = signals(state, [self.signal])[self.signal][0]
+        heat = answered_late(FORMS[self.loss](u)[None], state.time, shape["tau"])[0]
+        return (FORMS[self.form](u) * heat)[:, None]
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         u = written(self.signal, self.form)

@@ -47,10 +47,10 @@ class Structure:
 
 def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) -> Structure:
     """How much of `residual` a flexible model of the state predicts on unseen folds."""
-    few = coarse(mismatch, residual, noise)
-    if len(few.rows) < _FEWEST_ROWS or not common_signals(mismatch.states):
+    few, known = coarse(mismatch, residual, noise), common_signals(mismatch.states)
+    if len(few.rows) < _FEWEST_ROWS or not known:
         return Structure(0.0, 0.0, 1.0)
-    features = np.column_stack([v[few.rows] for v, _ in common_signals(mismatch.states).values()])
+    features = np.column_stack([v[few.rows] for v, _ in known.values()])
     fold = _three_folds(mismatch, few.rows)
     y, prediction = few.values, np.zeros(len(few.rows))
     top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)

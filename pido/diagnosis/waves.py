@@ -97,8 +97,10 @@ def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> l
     for place in (n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}")):
         s = known[place][0]
         travel = float(np.ptp(s))
-        numbers = np.arange(1.0, travel / _SHORTEST_MM, 1 / _PER_WAVE)[:_MOST] / travel
-        numbers = np.array(_OF_A_TURN) / _TURN if place == "pos_sp" else numbers
+        if place == "pos_sp":
+            numbers = np.array(_OF_A_TURN) / _TURN
+        else:
+            numbers = np.arange(1.0, travel / _SHORTEST_MM, 1 / _PER_WAVE)[:_MOST] / travel
         carriers = _carriers(axis, known, place)
         if not len(numbers) or not carriers:
             continue

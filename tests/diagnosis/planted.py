@@ -6,7 +6,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
-from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import with_unknown
@@ -30,6 +30,10 @@ def part(k, rows=3000, stops=False):
     return Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)
 
 
+def white(mismatch: Mismatch) -> Noise:
+    return Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+
+
 def planted(effect, strength=2.0, **how):
     """A library of viscous friction, and white noise, over an effect: state -> (n,), A; strength : times the noise."""
     states = axis_states([part(k, **how) for k in range(3)], "x")
@@ -37,7 +41,7 @@ def planted(effect, strength=2.0, **how):
     size = np.std(np.concatenate(effects))
     rng = np.random.default_rng(0)
     mismatch = lay_out(states, [strength * NOISE / size * e + rng.normal(0, NOISE, len(e)) for e in effects])
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    noise = white(mismatch)
     library = Library(mismatch, [Term(VISCOUS)])
     library.whiten(noise)
     return library, noise

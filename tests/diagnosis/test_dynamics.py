@@ -15,8 +15,7 @@ from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import is_known, with_unknown
-from pido.diagnosis.whiten import Noise
-from tests.diagnosis.planted import NOISE, STEP, found_in, part, planted
+from tests.diagnosis.planted import NOISE, STEP, found_in, part, planted, white
 
 
 def test_an_axis_that_rings_after_each_change_of_speed():
@@ -120,7 +119,7 @@ def test_a_torque_constant_that_falls_as_the_winding_warms_is_one_law_and_no_gai
         states += axis_states([p.with_columns(curr_x_sim=current)], "x")
         recorded.append(0.1 * current * heat + rng.normal(0, NOISE, len(heat)))
     mismatch = lay_out(states, recorded)
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    noise = white(mismatch)
     library = Library(mismatch, [Term(next(m for m in CATALOGUE if m.id == "sensor_gain"))])
     library.whiten(noise)
     (term,), _ = with_unknown(library, noise, [library.terms[0]], 0)

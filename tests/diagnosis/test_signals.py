@@ -17,8 +17,7 @@ from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import quantities
 from pido.diagnosis.waves import Wave
-from pido.diagnosis.whiten import Noise
-from tests.diagnosis.planted import NOISE, found_in, part
+from tests.diagnosis.planted import NOISE, found_in, part, white
 
 
 def state_of(**columns) -> AxisState:
@@ -121,7 +120,7 @@ def test_a_law_is_judged_alike_in_whatever_unit_its_quantity_is_large():
         states = [replace(s, a=times * s.a) for s in axis_states([part(k) for k in range(2)], "x")]
         target = [1e-6 * (s.a / times) ** 3 + np.random.default_rng(0).normal(0, NOISE, len(s.a)) for s in states]
         mismatch = lay_out(states, target)
-        noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+        noise = white(mismatch)
         library = Library(mismatch, [])
         library.whiten(noise)
         cube = Term(Formula((("a_x", "u³"),), "(mm/s²)^3"))

@@ -9,8 +9,7 @@ from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.whiten import Noise
-from tests.diagnosis.planted import NOISE, part
+from tests.diagnosis.planted import NOISE, part, white
 
 BY_ID = {m.id: m for m in CATALOGUE}
 
@@ -21,7 +20,7 @@ def test_what_falls_with_speed_before_the_axis_moves_is_held_at_standstill(v_s, 
     rng = np.random.default_rng(0)
     effect = [s.held * np.exp(-np.abs(s.v) / v_s) for s in states]
     mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in effect])
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    noise = white(mismatch)
     falls = Term(BY_ID["stribeck_friction"], (("v_s", v_s), ("delta", 1.0), ("rest", 1.0)))
     library = Library(mismatch, [falls, Term(BY_ID["standstill_friction"], (("rest", 0.0),))])
     library.whiten(noise)
