@@ -14,8 +14,10 @@ import hashlib
 import json
 import logging
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ from pido.workspace import code_version
 
 log = logging.getLogger(__name__)
 OnProgress = Callable[[int, int, str], None]
+_CORES = "LOKY_MAX_CPU_COUNT"
 
 
 class ClusterError(PidoError):
@@ -116,11 +119,28 @@ def run_experiment(
 
 
 def measure(name: str, fleet: Fleet, seed: int, unit: Unit) -> Rows:
-    """Rows of one unit. One BLAS thread: the last bit of a sum must not depend on how many cores there are."""
+    """Rows of one unit, on one core: a worker is one, and two that each take all cores wait for one another.
+
+    Of BLAS for another reason too: the last bit of a sum must not depend on how many cores there are.
+    """
     key = hashlib.sha256(unit.key.encode()).digest()[:16]
     rng = np.random.default_rng(np.random.SeedSequence([seed, *key]))
-    with threadpool_limits(1):
+    with threadpool_limits(1), _one_core_for_trees():
         return [dict(unit.params) | row for row in experiment(name).measure(fleet, unit.params, rng)]
+
+
+@contextmanager
+def _one_core_for_trees() -> Iterator[None]:
+    """What joblib takes for all cores is one; afterwards what it was."""
+    before = os.environ.get(_CORES)
+    os.environ[_CORES] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_CORES]
+        else:
+            os.environ[_CORES] = before
 
 
 def _measured(

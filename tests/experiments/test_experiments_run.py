@@ -1,7 +1,9 @@
 """Experiments as units of work: the same table however they are spread, stopped or continued."""
 
 import json
+from dataclasses import replace
 
+import joblib
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +14,7 @@ from pido.core.columns import INPUTS
 from pido.core.errors import PidoError
 from pido.core.samples import Samples
 from pido.experiments import runner
-from pido.experiments.base import MODULES, experiment
+from pido.experiments.base import MODULES, Unit, experiment
 from pido.experiments.cells import FILES, RANDOM, TIME, cells, reduced
 from pido.experiments.data import Fleet, load_fleet, runs
 from pido.experiments.runner import measure, run_experiment
@@ -49,6 +51,17 @@ def test_the_table_does_not_depend_on_the_number_of_workers(fleet, tmp_path):
     one = run_experiment("importance", fleet, folder=tmp_path / "one", **options).table
     four = run_experiment("importance", fleet, folder=tmp_path / "four", workers=4, **options).table
     pd.testing.assert_frame_equal(one, four, check_exact=True)
+
+
+def test_a_worker_is_one_core_and_leaves_the_others_as_they_were(fleet, monkeypatch):
+    counted = []
+    monkeypatch.delenv("LOKY_MAX_CPU_COUNT", raising=False)
+    before = joblib.cpu_count()
+    asked = replace(experiment("importance"), measure=lambda *_: counted.append(joblib.cpu_count()) or [])
+    monkeypatch.setattr(runner, "experiment", lambda name: asked)
+    measure("importance", fleet, 0, Unit("one", {}))
+    assert counted == [1]
+    assert joblib.cpu_count() == before
 
 
 @pytest.mark.slow
