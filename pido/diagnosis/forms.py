@@ -15,8 +15,8 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import cross_residual, even, plain_errors
-from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
+from pido.diagnosis.late import Lagged
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.misfit import AT_STOPS, MISFIT, MISFIT_PLAIN, acting
 from pido.diagnosis.mismatch import Mismatch

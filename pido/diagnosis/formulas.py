@@ -64,8 +64,7 @@ class Formula(Unnamed):
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        one = self.unit.startswith("(") and self.unit.index(")") == len(self.unit) - 1
-        return (Parameter("k", "A" if self.unit == "–" else f"A/{self.unit}" if one else f"A/({self.unit})"),)
+        return (Parameter("k", ampere_per(self.unit)),)
 
     def conditions(self, axis: str, shape: dict[str, float]) -> tuple[str, tuple[str, ...]]:
         if not self.factors:
@@ -323,6 +322,16 @@ def unit_of(factors: Sequence[tuple[str, str]]) -> str:
         else:
             parts.append(f"({unit})" if power == 1 else f"({unit})^{power:g}")
     return "·".join(parts) or "–"
+
+
+def ampere_per(unit: str) -> str:
+    """Of what a law takes times a quantity in `unit`, as `unit_of` writes it.
+
+    >>> ampere_per("(mm/s)"), ampere_per("(mm/s)·(N)"), ampere_per("–")
+    ('A/(mm/s)', 'A/((mm/s)·(N))', 'A')
+    """
+    one = unit.startswith("(") and unit.index(")") == len(unit) - 1
+    return "A" if unit == "–" else f"A/{unit}" if one else f"A/({unit})"
 
 
 def written(signal: str, form: str) -> str:

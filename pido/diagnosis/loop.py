@@ -13,10 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.diagnosis.confirm import even, less_error, plain_error
-from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.forms import AS_GOOD
 from pido.diagnosis.identify import LEAST_GAIN
+from pido.diagnosis.late import Lagged
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, behind, fit
 from pido.diagnosis.whiten import Noise

@@ -19,9 +19,10 @@ from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.baseline import equation_names, equation_rows
 from pido.diagnosis.bends import Bend
-from pido.diagnosis.dynamics import Fading, Heated, Lagged, Ringing
+from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
+from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.state import AxisState
@@ -212,16 +213,16 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
         case Bend(signal=signal, seen=seen, turns=turns):
             own |= {"bends": signal, "seen": list(seen), "turns": turns}
-        case Wave(place=place, signal=signal, unit=unit, harmonics=harmonics):
-            own |= {"waves": place, "signal": signal, "unit": unit, "harmonics": harmonics}
+        case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics):
+            own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut, level=level):
             own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut, "level": level}
         case Fading(signal=signal, form=form, unit=unit, in_motion=in_motion):
             own |= {"fades": signal, "form": form, "unit": unit, "in_motion": in_motion}
-        case Heated(signal=signal, form=form, loss=loss, unit=unit):
-            own |= {"heats": signal, "form": form, "loss": loss, "unit": unit}
+        case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside):
+            own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit, "beside": beside}
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -265,7 +266,9 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "waves" in own:
-        return Wave(str(own["waves"]), str(own["signal"]), str(own["unit"]), int(own.get("harmonics", 1)))
+        place = str(own["waves"])
+        length = str(own.get("length", "deg" if place == "pos_sp" else "mm"))  # models of before do not have
+        return Wave(place, length, str(own["signal"]), str(own["unit"]), int(own.get("harmonics", 1)))
     if "signal" in own:
         later = (bool(own.get(flag)) for flag in ("odd", "wide"))  # models of before do not have
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), *later)
@@ -279,10 +282,11 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]), level)
     if "fades" in own:
         return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), bool(own["in_motion"]))
-    if "heats" in own:
-        # Models of before heat by the losses of the current only.
+    if "modulates" in own:
+        return Modulated(*(str(own[n]) for n in ("modulates", "form", "cause", "loss", "unit", "beside")))
+    if "heats" in own:  # a model of before
         form, loss, unit = (str(own.get(n, d)) for n, d in (("form", "u"), ("loss", "u²"), ("unit", "(A)·(A)^2")))
-        return Heated(str(own["heats"]), form, loss, unit)
+        return Modulated(str(own["heats"]), form, str(own["heats"]), loss, unit)
     if "variables" in own:
         knots = tuple(tuple(float(k) for k in ks) for ks in own["knots"])
         return Surface(tuple(own["variables"]), knots, tuple(bool(s) for s in own["split"]))

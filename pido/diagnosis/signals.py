@@ -23,6 +23,7 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     "way_{}": "way since the part began",
     "j_{}": "jerk, da_{}/dt",
     "t_go_{}": "time since the axis began to move, at most 10 s, 0 at rest",
+    "stood_{}": "time since the axis stopped, at most 10 s, 0 in motion",
     "rested_{}": "how long the axis stood before it moved, at most 60 s, 0 at rest",
     "I_{}": "simulated current",
     "I_all": "simulated currents of all axes together, without their signs",
@@ -35,7 +36,7 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
 }
 # Over which neither a peak nor a bend is a law.
 NO_PLACE = ("held", "speeding", "braking", "coolant", "uptime", "I_", "pos_sp")
-_LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
+LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
 _STANDS = 0.02  # mm/s along the path, and less
 _LONG_REST_S = 60.0  # after which it no longer matters how long an axis stood
 
@@ -62,6 +63,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"way_{a}": (None if spindle else lambda: np.cumsum(np.abs(state.v) * state.moving) * state.dt, length),
         f"j_{a}": (lambda: np.gradient(state.a, state.dt) if state.dt > 0 else None, f"{speed}³"),
         f"t_go_{a}": (lambda: _since_change(state.time, state.moving, state.moving), "s"),
+        f"stood_{a}": (lambda: _since_change(state.time, state.moving, ~state.moving), "s"),
         f"rested_{a}": (lambda: _rested(state.time, state.moving), "s"),
         f"I_{a}": (state.sim, "A"),
         **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
@@ -159,7 +161,7 @@ def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = N
         return None
     change = np.r_[True, values[1:] != values[:-1]]
     since = time - time[np.maximum.accumulate(np.where(change, np.arange(len(time)), 0))]
-    return np.minimum(since, _LONG_S) * (1.0 if only is None else only)
+    return np.minimum(since, LONG_S) * (1.0 if only is None else only)
 
 
 def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from pido.core.arrays import Float1D
 from pido.diagnosis.bends import Bend, bends
 from pido.diagnosis.confirm import less_error, no_more_error, plain_errors
-from pido.diagnosis.dynamics import Fading, Heated, Lagged, Ringing, remembering
+from pido.diagnosis.dynamics import Ringing, ringing_terms
 from pido.diagnosis.flexible import Coarse, coarse, structure
 from pido.diagnosis.formulas import (
     FORMS,
@@ -34,6 +34,7 @@ from pido.diagnosis.formulas import (
     surfaces,
 )
 from pido.diagnosis.identify import numbers
+from pido.diagnosis.late import Late, late_terms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
@@ -63,7 +64,7 @@ _FINALISTS = 12
 _TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
-_REMEMBERS = (Ringing, Lagged, Fading, Heated)
+_REMEMBERS = (Ringing, Late)
 _SIMPLEX = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
 
 
@@ -168,7 +169,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     whole = common_signals(mismatch.states)
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
     offered = [t.behind(library.lag) for t in _ranked(mismatch.axis, known, few)]
-    late = remembering(mismatch, residual, whole)
+    late = [*ringing_terms(mismatch, residual, whole), *late_terms(mismatch, whole, few)]
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):
@@ -303,8 +304,10 @@ def quantities(term: Term) -> frozenset[str]:
             return frozenset(n for n, _ in factors)
         case Bend(signal=signal, turns=turns):
             return frozenset({signal, turns} - {""})
-        case Peak() | Ringing() | Lagged() | Fading() | Heated():
-            return frozenset({term.mechanism.signal})
+        case Peak(signal=signal) | Ringing(signal=signal):
+            return frozenset({signal})
+        case Late(reads=reads):
+            return reads
         case Wave(place=place, signal=signal):
             return frozenset({place, signal} - {""})
         case _:

@@ -1,4 +1,5 @@
-"""Loads and frictions that are periodic along a travel, of this axis or of another: a model without a name.
+"""Loads and frictions that are periodic along a travel, of this axis or of another, over its speed or since an event: a
+model without a name.
 
 In:  the residual of one axis as averages, and the quantities that could carry a wave.
 Out: `Wave` terms worth a closer look, their periods read from the residual itself.
@@ -16,11 +17,15 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.signals import signals
+from pido.diagnosis.signals import LONG_S, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
 _SHORTEST_MM = 2.0  # pitch of the finest ball screws
+_SHORTEST_S = 0.2
+_SPEEDS = 200  # classes of the speed
+_SPEEDS_PER_WAVE = 8.0  # classes that are met, at least
+_LEAST_OVER_SPEED = 3.0  # waves over all speeds: fewer are some friction
 _TURN = 360.0  # deg
 _OF_A_TURN = (1, 2, 3, 4, 5, 6)  # waves in one turn of the spindle: its own, and of as many teeth or poles
 _HARMONICS = (1, 3, 6)  # what repeats itself need not be a sine
@@ -36,23 +41,21 @@ class Wave(Unnamed):
     """
 
     place: str
+    length: str  # unit of the place
     signal: str
     unit: str
     harmonics: int = 1
 
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        return (Parameter("L", self._length, low=0.0, scale="log"),)
-
-    @property
-    def _length(self) -> str:
-        return "deg" if self.place == "pos_sp" else "mm"
+        return (Parameter("L", self.length, low=0.0, scale="log"),)
 
     @property
     def equation(self) -> str:  # type: ignore[override]
         s, u = self.place, f" * {self.signal}" * bool(self.signal)
         if self.harmonics == 1:
-            return f"dI = (k_s sin(2 pi {s} / L) + k_c cos(2 pi {s} / L)){u}"
+            wave = f"k_s sin(2 pi {s} / L) + k_c cos(2 pi {s} / L)"
+            return f"dI = ({wave}){u}" if u else f"dI = {wave}"
         wave = f"k_sn sin(2 pi n {s} / L) + k_cn cos(2 pi n {s} / L)"
         return f"dI = sum of {wave} for n = 1 .. {self.harmonics}" + f", all{u}" * bool(u)
 
@@ -64,13 +67,14 @@ class Wave(Unnamed):
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         known = signals(state, [n for n in (self.place, self.signal) if n])
-        angle = 2 * np.pi * known[self.place][0] / shape["L"]
+        s = known[self.place][0]
+        angle = 2 * np.pi * s / shape["L"]
         rows = np.column_stack([f(n * angle) for n in range(1, self.harmonics + 1) for f in (np.sin, np.cos)])
-        return rows * known[self.signal][0][:, None] if self.signal else rows
+        return rows * _there(self.place, s, known[self.signal][0] if self.signal else 1.0)[:, None]
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         own = f", with {self.signal}" if self.signal else ""
-        return f"repeating every {shape['L']:.3g} {self._length} of {self.place}{own}", ()
+        return f"repeating every {shape['L']:.3g} {self.length} of {self.place}{own}", ()
 
     def variants(self) -> tuple[Unnamed, ...]:
         return tuple(replace(self, harmonics=n) for n in _HARMONICS if n > self.harmonics == 1)
@@ -89,34 +93,59 @@ class Wave(Unnamed):
 
 
 def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Term]]:
-    """The best period of every travel and carrier, each with what it would take away by itself.
+    """The best period of every place and carrier, each with what it would take away by itself.
 
     known : signals in the rows of `few`
     """
     found = []
-    for place in (n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}")):
+    travels = [n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}")]
+    for place in (*travels, *(n for n in (f"v_{axis}", *_times(axis)) if n in known)):
         s = known[place][0]
-        travel = float(np.ptp(s))
-        if place == "pos_sp":
-            numbers = np.array(_OF_A_TURN) / _TURN
-        else:
-            numbers = np.arange(1.0, travel / _SHORTEST_MM, 1 / _PER_WAVE)[:_MOST] / travel
+        numbers = _wave_numbers(place, s)
         carriers = _carriers(axis, known, place)
         if not len(numbers) or not carriers:
             continue
-        rows = np.array([known[name][0] if name else np.ones(len(s)) for name in carriers])
+        rows = np.array([_there(place, s, known[name][0] if name else 1.0) for name in carriers])
         rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
         gain = np.array([_gains(rows, s, k, few) for k in 2 * np.pi * numbers]).T
         for name, own in zip(carriers, gain, strict=True):
             best = int(np.argmax(own))
-            wave = Wave(place, name, known[name][1] if name else "–")
+            wave = Wave(place, known[place][1], name, known[name][1] if name else "–")
             found.append((float(own[best]), Term(wave, (("L", float(1 / numbers[best])),))))
     return found
 
 
+def _times(axis: str) -> tuple[str, ...]:
+    """Signals that count the time since an event."""
+    return f"t_go_{axis}", f"stood_{axis}", "t_block", "t_cut"
+
+
+def _there(place: str, s: Float1D, carrier: Float1D | float) -> Float1D:
+    """(n,) – the carrier where the place is one: a time is none before its event, nor once it counts no more."""
+    is_one = (s > 0) & (s < LONG_S) if place.startswith(("t_", "stood_")) else np.ones(len(s), bool)
+    return np.where(is_one, carrier, 0.0)
+
+
+def _wave_numbers(place: str, s: Float1D) -> Float1D:
+    """Of the waves that are tried, per unit of the place."""
+    travel = float(np.ptp(s))
+    if travel == 0:
+        return np.zeros(0)
+    if place == "pos_sp":
+        return np.array(_OF_A_TURN) / _TURN
+    if place.startswith("v_"):
+        # A few speeds are met by some wave whatever happens at each of them.
+        met = len(np.unique(np.round((s - s.min()) / travel * _SPEEDS)))
+        return np.arange(_LEAST_OVER_SPEED, met / _SPEEDS_PER_WAVE, 1 / _PER_WAVE) / travel
+    most = travel / (_SHORTEST_S if place.startswith(("t_", "stood_")) else _SHORTEST_MM)
+    return np.arange(1.0, most, 1 / _PER_WAVE)[:_MOST] / travel
+
+
 def _carriers(axis: str, known: Mapping[str, tuple[Float1D, str]], place: str) -> list[str]:
     """Signals: none, for a wave by itself; a friction along the axis; the loads on it. Over the axis' own place the
-    catalogue has a wave by itself and that of Coulomb's friction."""
+    catalogue has a wave by itself and that of Coulomb's friction. Over its speed a wave goes by itself."""
+    if place == f"v_{axis}":
+        return [""]
     own = ("", f"held_{axis}") if place != f"pos_{axis}" else ()
     return [name for name in (*own, f"v_{axis}", f"f_{axis}", "M_sp") if not name or name in known]
 

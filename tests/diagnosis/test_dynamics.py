@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from pido.diagnosis.dynamics import Fading, Heated, Lagged, Ringing
+from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.estimate import estimate, settle_shapes
+from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
@@ -15,6 +16,7 @@ from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import is_known, with_unknown
+from pido.diagnosis.waves import Wave
 from tests.diagnosis.planted import NOISE, STEP, found_in, part, planted, white
 
 
@@ -94,6 +96,8 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
         Term(Ringing("a_x", "mm/s²"), (("f", 6.0), ("zeta", 0.05))),
         Term(Lagged("v_x", "|u|", "mm/s", by_cut=True), (("tau", 0.8),)),
         Term(Fading("v_x", "u", "mm/s", in_motion=True), (("tau", 0.8),)),
+        Term(Modulated("v_x", "|u|", "v_y", "u", "(mm/s)·(mm/s)", beside="(mm/s)"), (("tau", 0.8),)),
+        Term(Wave("v_x", "mm/s", "", "–"), (("L", 3.0),)),
     ],
 )
 def test_a_model_that_remembers_comes_back_from_its_file(term):
@@ -104,6 +108,20 @@ def test_a_model_that_remembers_comes_back_from_its_file(term):
     expected = model.effect(np.zeros(len(state.time)), part(0), state)
     assert again.effect(np.zeros(len(state.time)), part(0), state) == pytest.approx(expected)
     assert np.std(expected) > 0
+
+
+@pytest.mark.parametrize(
+    ("own", "law"),
+    [
+        ({"heats": "I_x"}, Modulated("I_x", "u", "I_x", "u²", "(A)·(A)^2")),
+        ({"waves": "pos_y", "signal": "", "unit": "–"}, Wave("pos_y", "mm", "", "–")),
+        ({"waves": "pos_sp", "signal": "", "unit": "–"}, Wave("pos_sp", "deg", "", "–")),
+    ],
+)
+def test_models_of_before_are_read(own, law):
+    data = as_json({"x": AxisModel("x", NOISE, (Term(Lagged("v_x", "u", "mm/s"), (("tau", 1.0),)),), (np.ones(1),))})
+    data["axes"]["x"]["terms"][0]["mechanism"] = {"id": "unknown", **own}
+    assert axis_models(data)["x"].terms[0].mechanism == law
 
 
 def test_a_torque_constant_that_falls_as_the_winding_warms_is_one_law_and_no_gain():
@@ -123,7 +141,7 @@ def test_a_torque_constant_that_falls_as_the_winding_warms_is_one_law_and_no_gai
     library = Library(mismatch, [Term(next(m for m in CATALOGUE if m.id == "sensor_gain"))])
     library.whiten(noise)
     (term,), _ = with_unknown(library, noise, [library.terms[0]], 0)
-    assert term.mechanism == Heated("I_x", "u", "u²", "(A)·(A)^2")
+    assert term.mechanism == Modulated("I_x", "u", "I_x", "u²", "(A)·(A)^2")
     assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.1)
     model = AxisModel("x", NOISE, (term,), (np.array([0.1]),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)

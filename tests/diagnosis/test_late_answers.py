@@ -8,8 +8,8 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import even
-from pido.diagnosis.dynamics import Lagged
 from pido.diagnosis.estimate import estimate, settle_shapes
+from pido.diagnosis.late import Lagged
 from pido.diagnosis.loop import answered
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out

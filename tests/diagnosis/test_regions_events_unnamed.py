@@ -428,7 +428,7 @@ def test_a_load_that_is_periodic_along_an_axis_is_a_wave_of_the_right_length(pla
     size = 0.1 / max(abs(carrier(s)).max() for s in axis_states(list(recordings()), "x"))
     mismatch, noise = laid_out(lambda s: size * carrier(s) * np.cos(s.places[place] / 1.3 + 0.4))
     (term,), _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
-    assert term.mechanism == Wave(f"pos_{place}", signal, "mm/s" if signal == "v_x" else "–")
+    assert term.mechanism == Wave(f"pos_{place}", "mm", signal, "mm/s" if signal == "v_x" else "–")
     assert dict(term.shape)["L"] == pytest.approx(2 * np.pi * 1.3, rel=0.01)
     model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2]),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)

@@ -7,8 +7,8 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.dynamics import Heated, Lagged
 from pido.diagnosis.formulas import Formula
+from pido.diagnosis.late import Lagged, Modulated
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
@@ -45,11 +45,14 @@ def test_feed_per_revolution_is_none_while_the_spindle_stands():
 
 def test_time_since_the_start_rest_before_it_and_way():
     speed = np.r_[np.zeros(100), np.full(50, 5.0), np.zeros(200), np.full(50, -5.0)]
-    known = signals(state_of(v_x=speed), ["t_go_x", "rested_x", "way_x"])
+    known = signals(state_of(v_x=speed), ["t_go_x", "stood_x", "rested_x", "way_x"])
     began = known["t_go_x"][0]
     assert began[120] == pytest.approx(0.20)
     assert began[200] == 0.0
     assert began[360] == pytest.approx(0.10)
+    stood = known["stood_x"][0]
+    assert stood[120] == 0.0
+    assert stood[200] == pytest.approx(0.50)
     rested = known["rested_x"][0]
     assert (rested[50], rested[200]) == (0.0, 0.0)
     assert rested[120] == pytest.approx(1.0)
@@ -87,6 +90,41 @@ def test_a_drag_that_grows_until_the_guideway_is_greased_repeats_along_the_way()
     assert dict(term.shape)["L"] == pytest.approx(40.0, rel=0.02)
 
 
+def test_what_repeats_itself_over_the_speed_is_one_law_and_not_a_name_for_every_speed():
+    term = found_in(lambda s: np.sin(2 * np.pi * s.v / 3.3))
+    assert isinstance(term.mechanism, Wave)
+    assert (term.mechanism.place, term.mechanism.signal) == ("v_x", "")
+    assert dict(term.shape)["L"] == pytest.approx(3.3, rel=0.01)
+
+
+def test_a_drive_that_hunts_while_its_axis_stands_is_one_law_with_its_period():
+    def hunts(state):
+        stood = signals(state, ["stood_x"])["stood_x"][0]
+        return (2 * np.abs(2 * (stood / 0.31 % 1.0) - 1) - 1) * state.held * (stood > 0)
+
+    term = found_in(hunts, strength=1.0, stops=True)
+    assert isinstance(term.mechanism, Wave)
+    assert (term.mechanism.place, term.mechanism.signal) == ("stood_x", "held_x")
+    assert dict(term.shape)["L"] == pytest.approx(0.31, rel=0.01)
+
+
+def test_what_another_quantity_has_been_lately_is_felt_more_at_speed():
+    def surge(state):
+        feed = signals(state, ["feed"])["feed"][0]
+        lately = np.full(len(feed), feed[0])
+        for i in range(1, len(feed)):
+            lately[i] = lately[i - 1] + 0.01 / 1.2 * (feed[i] - lately[i - 1])
+        return lately * (0.4 + 0.1 * np.abs(state.v))
+
+    term = found_in(surge, strength=6.0)
+    law = term.mechanism
+    assert isinstance(law, Modulated)
+    assert (law.signal, law.form, law.cause, law.beside) == ("v_x", "|u|", "feed", "(mm/s)")
+    assert dict(term.shape)["tau"] == pytest.approx(1.2, rel=0.1)
+    assert [a.unit for a in law.amplitudes] == ["A/((mm/s)·(mm/s))", "A/(mm/s)"]
+    assert law.equation == "dI = (k_0 + k * |v_x|) * (feed / (1 + tau s))"
+
+
 def test_a_friction_that_its_own_heat_thins_is_one_law_with_its_time_constant():
     def thinned(state):
         heat, out = abs(state.v[0]), np.zeros(len(state.v))
@@ -96,8 +134,9 @@ def test_a_friction_that_its_own_heat_thins_is_one_law_with_its_time_constant():
         return out
 
     term = found_in(thinned, strength=6.0, stops=True)
-    assert isinstance(term.mechanism, Heated)
-    assert (term.mechanism.signal, term.mechanism.form, term.mechanism.loss) == ("v_x", "u", "|u|")
+    assert isinstance(term.mechanism, Modulated)
+    law = term.mechanism
+    assert (law.signal, law.form, law.cause, law.loss) == ("v_x", "u", "v_x", "|u|")
     assert dict(term.shape)["tau"] == pytest.approx(2.0, rel=0.1)
 
 

@@ -1,0 +1,274 @@
+"""Models without a name that answer through a first order lag: a current that follows late, what a change leaves and
+time takes back, and what acts in proportion to how a quantity has been lately, as a motor that its losses warm.
+
+In:  the residual of one axis as averages, and the quantities that could drive it.
+Out: `Lagged`, `Fading` and `Modulated` terms worth a closer look.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.flexible import Coarse
+from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
+from pido.diagnosis.mechanisms.base import Parameter
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.signals import signals
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.terms import Term, bic
+from pido.physics.drive import answered_late
+
+_TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+_SLOW_TIMES_S = (30.0, 100.0, 300.0)
+_LONGEST_S = 30.0  # what comes later still is drift
+_BEST_TIMES = 2  # of every law, by the averages
+_MODULATED = 40  # of these, the best by the averages
+_FLAT = 1e-9  # of a column's power: nothing of it is left beside another
+
+Known = Mapping[str, Float1D]
+
+
+class Late(Unnamed):
+    """What answers through a first order lag of tau."""
+
+    longest: ClassVar[float] = np.inf  # s
+    passes_loop: ClassVar[bool] = False
+    shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
+
+    @property
+    def driver(self) -> tuple[str, str]:
+        """Signal and form of what is late."""
+        raise NotImplementedError
+
+    @property
+    def reads(self) -> frozenset[str]:
+        """The signals that it follows from."""
+        return frozenset({self.driver[0]})
+
+    def over(self, known: Known, late: Float1D) -> Float2D:
+        """(n, k), from the signals and what is late, (n,) each. Of the state: 'cutting' and 'moving', 0 or 1."""
+        raise NotImplementedError
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        known = {n: v for n, (v, _) in signals(state, self.reads).items()} | _what_it_does(state)
+        name, form = self.driver
+        return self.over(known, answered_late(FORMS[form](known[name])[None], state.time, shape["tau"])[0])
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        return shape[name] / 2, shape[name] * 2
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in powers of e."""
+        return {"tau": min(self.longest, float(shape["tau"] * np.exp(np.clip(by[0], -3, 3))))}
+
+
+@dataclass(frozen=True)
+class Lagged(Late):
+    """A quantity that acts late: dI = k * p(u) / (1 + tau s). What acts at once has a name or is a formula.
+
+    by_cut : with another coefficient while the tool cuts
+    level : with a constant beside it, as what is counted from the usual level of the quantity has
+    """
+
+    signal: str
+    form: str
+    unit: str
+    by_cut: bool = False
+    level: bool = False
+
+    longest: ClassVar[float] = _LONGEST_S
+
+    @property
+    def driver(self) -> tuple[str, str]:
+        return self.signal, self.form
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        late = f"k * {written(self.signal, self.form)} / (1 + tau s)"
+        return "dI = " + "k_0 + " * self.level + late + ", another k while cutting" * self.by_cut
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        names = ("k", "k_cut") if self.by_cut else ("k",)
+        unit = ampere_per(unit_of([(self.unit, self.form)]))
+        return (*(Parameter(name, unit) for name in names), *([Parameter("k_0", "A")] if self.level else []))
+
+    def over(self, known: Known, late: Float1D) -> Float2D:
+        columns = [late * (1 - known["cutting"]), late * known["cutting"]] if self.by_cut else [late]
+        return np.column_stack([*columns, *([np.ones(len(late))] if self.level else [])])
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"following {self.signal} {shape['tau']:.3g} s late", ()
+
+
+@dataclass(frozen=True)
+class Fading(Late):
+    """What a change of a quantity leaves and time takes back: dI = k * p(u) * tau s / (1 + tau s).
+
+    in_motion : a drag, which is not there while the axis stands
+    """
+
+    signal: str
+    form: str
+    unit: str
+    in_motion: bool = False
+
+    longest: ClassVar[float] = _LONGEST_S
+
+    @property
+    def driver(self) -> tuple[str, str]:
+        return self.signal, self.form
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        u = written(self.signal, self.form)
+        return f"dI = k * {u} * tau s / (1 + tau s)" + ", 0 at standstill" * self.in_motion
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return (Parameter("k", f"A/({self.unit})"),)
+
+    def over(self, known: Known, late: Float1D) -> Float2D:
+        left = FORMS[self.form](known[self.signal]) - late
+        return (left * known["moving"] if self.in_motion else left)[:, None]
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        return f"after changes of {self.signal}, fading within some {shape['tau']:.3g} s", ()
+
+
+@dataclass(frozen=True)
+class Modulated(Late):
+    """What acts in proportion to how a cause has been lately: dI = k * p(u) * (q(w) / (1 + tau s)).
+
+    A motor's current with its losses (I and I²): its torque constant falls as the winding warms. A friction (v or its
+    sign) with what it loses itself (|v|, v²) or another quantity has been: what lubricates it gets thinner.
+    Source: first-order thermal model of the winding, of the guideway.
+
+    beside : in proportion to the late cause by itself as well: dI = (k_0 + k * p(u)) * (q(w) / (1 + tau s))
+    """
+
+    signal: str  # u
+    form: str  # p
+    cause: str  # w
+    loss: str  # q
+    unit: str  # of p(u) * q(w)
+    beside: str = ""  # unit of q(w)
+
+    @property
+    def driver(self) -> tuple[str, str]:
+        return self.cause, self.loss
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.signal, self.cause})
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        k = Parameter("k", ampere_per(self.unit))
+        return (k, Parameter("k_0", ampere_per(self.beside))) if self.beside else (k,)
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        k = f"k * {written(self.signal, self.form)}"
+        return f"dI = {f'(k_0 + {k})' if self.beside else k} * ({written(self.cause, self.loss)} / (1 + tau s))"
+
+    def over(self, known: Known, late: Float1D) -> Float2D:
+        own = FORMS[self.form](known[self.signal]) * late
+        return np.column_stack([own, late]) if self.beside else own[:, None]
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        u, tau = written(self.signal, self.form), f"{shape['tau']:.3g} s"
+        if self.cause == self.signal:
+            return f"in proportion to {u}, changing with what {self.signal} lost as heat in some {tau}", ()
+        return f"in proportion to {u}, changing with what {self.cause} was in the last {tau}", ()
+
+
+def late_terms(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
+    """Every law that acts late, and the best of those that are modulated, each with its best times of those tried.
+
+    known : `common_signals` of the mismatch; few : what is left, as averages
+    """
+    values = {n: v[few.rows] for n, (v, _) in known.items()}
+    does = [_what_it_does(s) for s in mismatch.states]
+    values |= {n: np.concatenate([d[n] for d in does])[few.rows] for n in ("cutting", "moving")}
+    late: dict[tuple[str, str, float], Float1D] = {}
+
+    def best(law: Late, times: Sequence[float]) -> list[tuple[float, Term]]:
+        name, form = law.driver
+        prices = {}
+        for tau in times:
+            if (name, form, tau) not in late:
+                late[name, form, tau] = _late_in_parts(FORMS[form](known[name][0]), mismatch, tau)[few.rows]
+            prices[tau] = _price(law.over(values, late[name, form, tau]), few)
+        return [
+            (prices[tau], Term(law, (("tau", tau),))) for tau in sorted(times, key=prices.__getitem__)[:_BEST_TIMES]
+        ]
+
+    plain = [term for law in _laws(mismatch, known) for _, term in best(law, _TIMES_S)]
+    every = [each for law in _modulated(mismatch.axis, known) for each in best(law, (*_TIMES_S, *_SLOW_TIMES_S))]
+    return [*plain, *(term for _, term in sorted(every, key=lambda each: each[0])[:_MODULATED])]
+
+
+def _laws(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[Late]:
+    axis = mismatch.axis
+    engaged = [s.engaged for s in mismatch.states]
+    cuts = all(e is not None and e.any() and not e.all() for e in engaged)
+    for name, form in _causes(known, axis):
+        unit = known[name][1]
+        yield Lagged(name, form, unit)
+        yield Lagged(name, form, unit, level=True)
+        if cuts:
+            yield Lagged(name, form, unit, by_cut=True)
+        yield Fading(name, form, unit)
+        if name == f"v_{axis}":
+            yield Fading(name, form, unit, in_motion=True)
+
+
+def _modulated(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[Modulated]:
+    causes = [*_causes(known, axis), *([(f"v_{axis}", "u²")] if f"v_{axis}" in known else [])]
+    carriers = [(f"v_{axis}", "u"), (f"v_{axis}", "sgn u"), (f"v_{axis}", "|u|"), (f"I_{axis}", "u")]
+    for (name, form), (cause, loss) in itertools.product([c for c in carriers if c[0] in known], causes):
+        unit, own = known[name][1], known[cause][1]
+        both = unit_of([(unit, form), (own, loss)])
+        yield Modulated(name, form, cause, loss, both)
+        yield Modulated(name, form, cause, loss, both, beside=unit_of([(own, loss)]))
+
+
+def _causes(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple[str, str]]:
+    for name in dict.fromkeys((f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp", "v_sp", "a_sp")):
+        if name in known:
+            yield name, "u"
+            if known[name][0].min() < 0 < known[name][0].max():
+                yield name, "|u|"
+            if name == f"I_{axis}":
+                yield name, "u²"  # its losses
+
+
+def _what_it_does(state: AxisState) -> dict[str, Float1D]:
+    cutting = np.zeros(len(state.time)) if state.engaged is None else np.asarray(state.engaged, float)
+    return {"cutting": cutting, "moving": np.asarray(state.moving, float)}
+
+
+def _late_in_parts(values: Float1D, mismatch: Mismatch, tau: float) -> Float1D:
+    """`answered_late` of every part by itself, (n,)."""
+    parts = np.split(values, mismatch.edges[1:-1])
+    return np.concatenate([answered_late(u[None], s.time, tau)[0] for u, s in zip(parts, mismatch.states, strict=True)])
+
+
+def _price(columns: Float2D, few: Coarse) -> float:
+    """BIC of what columns (m, k) leave of the averages."""
+    root = np.sqrt(few.weights)
+    rows, values = columns * root[:, None], few.values * root
+    size = np.sqrt(np.einsum("ij,ij->j", rows, rows))
+    whole = float(values @ values)
+    if not size.all():
+        return bic(whole, len(values), 0)
+    gram, inner = (rows.T @ rows) / np.outer(size, size), rows.T @ values / size
+    beta = np.linalg.lstsq(gram, inner, rcond=_FLAT)[0]
+    return bic(whole - float(beta @ inner), len(values), len(size))
