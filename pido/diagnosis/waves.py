@@ -147,7 +147,7 @@ def _carriers(axis: str, known: Mapping[str, tuple[Float1D, str]], place: str) -
     if place == f"v_{axis}":
         return [""]
     own = ("", f"held_{axis}") if place != f"pos_{axis}" else ()
-    return [name for name in (*own, f"v_{axis}", f"f_{axis}", "M_sp") if not name or name in known]
+    return [name for name in (*own, f"v_{axis}", f"f_{axis}", f"I_{axis}", "M_sp") if not name or name in known]
 
 
 def _gains(rows: Float2D, place: Float1D, number: float, few: Coarse) -> Float1D:

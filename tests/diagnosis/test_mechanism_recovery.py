@@ -346,6 +346,7 @@ ROWS = [
     ("presliding_hysteresis", "x", lambda f: 0.4 * slip(f, 0.3), {"F_p": 0.4}, 0.95),
     ("presliding_hysteresis", "x", lambda f: 0.4 * (dahl(f, 0.3) - last_sign(f.v["x"])), {"F_p": 0.4, "x_0": 0.3}, 0.8),
     ("backlash", "x", lambda f: 0.5 * (after_reversal(f)[0] < 0.3) * last_sign(f.v["x"]), {"B": 0.5, "gap": 0.3}, 0.8),
+    ("backlash", "x", lambda f: 0.5 * (after_reversal(f)[0] < 3.6) * last_sign(f.v["x"]), {"B": 0.5, "gap": 3.6}, 0.97),
     (
         "backlash",
         "x",

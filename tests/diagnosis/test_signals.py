@@ -15,7 +15,7 @@ from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.unnamed import quantities
+from pido.diagnosis.unnamed import quantities, with_unknown
 from pido.diagnosis.waves import Wave
 from tests.diagnosis.planted import NOISE, found_in, part, white
 
@@ -106,6 +106,20 @@ def test_a_drive_that_hunts_while_its_axis_stands_is_one_law_with_its_period():
     assert isinstance(term.mechanism, Wave)
     assert (term.mechanism.place, term.mechanism.signal) == ("stood_x", "held_x")
     assert dict(term.shape)["L"] == pytest.approx(0.31, rel=0.01)
+
+
+def test_a_belt_that_runs_out_of_true_is_felt_with_the_load_on_it():
+    states = [replace(s, sim=1.5 * np.sign(s.v) + 0.02 * s.a) for s in axis_states([part(k) for k in range(3)], "x")]
+    rng = np.random.default_rng(0)
+    belt = [0.1 * s.sim * np.cos(2 * np.pi * s.pos / 7.7 + 1) for s in states]
+    mismatch = lay_out(states, [b + rng.normal(0, NOISE, len(b)) for b in belt])
+    noise = white(mismatch)
+    library = Library(mismatch, [])
+    library.whiten(noise)
+    (term,), _ = with_unknown(library, noise, [], 0)
+    assert isinstance(term.mechanism, Wave)
+    assert (term.mechanism.place, term.mechanism.signal) == ("pos_x", "I_x")
+    assert dict(term.shape)["L"] == pytest.approx(7.7, rel=0.01)
 
 
 def test_what_another_quantity_has_been_lately_is_felt_more_at_speed():

@@ -97,8 +97,8 @@ class Backlash(Mechanism):
     equation = "dI = B * exp(-(s / gap)^edge) * sgn(v), s = way or time since the reversal"
     amplitudes = (Parameter("B", "A"),)
     shape = (
-        Parameter("gap", "mm or s", low=0.005, high=2.0, scale="log", points=7),
-        Parameter("edge", "–", low=1.0, high=8.0, scale="log", values=(1.0, 8.0)),
+        Parameter("gap", "mm or s", low=0.005, high=5.0, scale="log", points=8),
+        Parameter("edge", "–", low=1.0, high=64.0, scale="log", values=(1.0, 8.0, 64.0)),
         choice("per", 2),
     )
     axes = LINEAR_AXES
@@ -114,9 +114,14 @@ class Backlash(Mechanism):
     def needs(self, states):
         return turns(states)
 
+    def starts(self, states):
+        return tuple(s for s in super().starts(states) if s["gap"] <= _longest(s))
+
     def around(self, name, shape, states):
         low, high = super().around(name, shape, states)
-        if name != "edge" or round(shape["per"]) == 1:
+        if name == "gap":
+            return low, min(high, _longest(shape))
+        if round(shape["per"]) == 1:
             return low, high
         return (shape[name], shape[name]) if shape[name] < 2.0 else (max(low, 2.0), high)
 
@@ -126,6 +131,11 @@ class Backlash(Mechanism):
         return f"within {reach:.3g} {unit} after a reversal of the {axis} axis", (
             f"{what} since reversal < {reach:.3g}",
         )
+
+
+def _longest(shape):
+    """mm or s – beyond which what fades after a reversal is something else, and a way that ends no play."""
+    return 5.0 if round(shape["per"]) == 0 and shape["edge"] >= 2.0 else 2.0
 
 
 class AxisCoupling(Mechanism):
