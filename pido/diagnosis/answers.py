@@ -137,8 +137,12 @@ def words(term: Term, states: Sequence[AxisState]) -> tuple[str, tuple[str, ...]
 
 
 def alternatives_of(term: Term, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:
-    """Mechanisms that do nearly as well in this term's place, nearest first, with the recording that would tell."""
+    """Mechanisms that do nearly as well in this term's place, nearest first, with the recording that would tell.
+
+    Last those that say the finding's own law in more words: they are no other explanation.
+    """
     near = [r for r in rivals if r.delta_bic < _NEAR or r.share > 0.75]
+    near.sort(key=lambda r: term.mechanism.id in r.term.mechanism.becomes)
     return tuple(
         Alternative(r.name, float(r.delta_bic), recording_that_tells(term.mechanism.id, r.name))
         for r in near[:_MOST_ALTERNATIVES]

@@ -37,6 +37,10 @@ class Bend(Unnamed):
     shape: ClassVar[tuple[Parameter, ...]] = ()
 
     @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.signal, self.turns} - {""})
+
+    @property
     def equation(self) -> str:  # type: ignore[override]
         middle, half = _scale(self.seen)
         powers = "g_0 + g_1 * w + g_2 * w^2"
@@ -49,7 +53,7 @@ class Bend(Unnamed):
         return f"depending on {self.signal} from {low:.3g} to {high:.3g}{turning}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        return self.over(signals(state, {self.signal, self.turns} - {""}))
+        return self.over(signals(state, self.reads))
 
     def over(self, known: Mapping[str, tuple[Float1D, str]]) -> Float2D:
         """(n, 3) – what each number counts for, at values of the quantities."""

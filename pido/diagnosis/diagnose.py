@@ -118,7 +118,9 @@ def _diagnose(
         if delay is None:
             now = looks
         else:
-            now = each(_look_without, {a: (k.mismatch, delay) for a, k in looks.items()}, 0, "in time again:")
+            now = each(
+                _look_without, {a: (k.mismatch, limits[a], delay) for a, k in looks.items()}, 0, "in time again:"
+            )
         return now, each(search, {a: (k, len(axes), delay is not None) for a, k in now.items()}, 0, "")
 
     shifted, answers = searched(delay)
@@ -218,11 +220,11 @@ def _lay_out(
 def _look_at(
     parts: Sequence[Recording], axis: str, machine: Machine | None, limits: Limits, rng: np.random.Generator
 ) -> Look:
-    return first_look(_lay_out(parts, axis, machine, limits, searching=True), rng)
+    return first_look(_lay_out(parts, axis, machine, limits, searching=True), rng, clipped=bool(limits))
 
 
-def _look_without(mismatch: Mismatch, delay: Delay, rng: np.random.Generator) -> Look:
-    return first_look(_without_delay(mismatch, delay), rng)
+def _look_without(mismatch: Mismatch, limits: Limits, delay: Delay, rng: np.random.Generator) -> Look:
+    return first_look(_without_delay(mismatch, delay), rng, clipped=bool(limits))
 
 
 def _prove(

@@ -50,6 +50,10 @@ class Ringing(Unnamed):
     )
 
     @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.signal})
+
+    @property
     def equation(self) -> str:  # type: ignore[override]
         u = self.signal
         return f"dI = k_s * (w²/D - 1) {u} + k_v * (w s/D) {u}, D = s² + 2 zeta w s + w², w = 2 pi f"

@@ -18,12 +18,13 @@ from pido.diagnosis.confirm import Whitened, half_widths
 from pido.diagnosis.finding import Estimate
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Fit, Term, fit, solve
+from pido.diagnosis.terms import Fit, Term, fit, held_back, solve
 from pido.diagnosis.whiten import Noise
 
 _FORM = 0.02  # of an amplitude: no textbook form is a machine's to better than that, however many samples say so
 _STEP = 0.02  # relative, of a shape parameter
 LAG = "lag"
+_NORMAL_95 = 1.96
 _LONGEST_LAG_S, _LONGEST_LAG_STEPS = 0.5, 5.0  # what comes later is answered by no loop of a drive
 _STEPS = 8  # Gauss-Newton
 
@@ -77,6 +78,10 @@ def estimate(
     half[of_amplitudes] = [
         max(h, _FORM * abs(float(b))) for h, b in zip(half[of_amplitudes], beta[of_amplitudes], strict=True)
     ]
+    drawn = held_back(model.X, len(mismatch.base), terms, columns)
+    for i in np.flatnonzero(drawn):
+        # What hardly any row reaches is known as well as what draws it to zero says.
+        half[i] = min(half[i], _NORMAL_95 * np.sqrt(joint.rss / max(1, joint.n) / drawn[i]))
     out: list[dict[str, Estimate]] = []
     at, slope_at = len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns)
     for term, amplitudes, group in zip(terms, joint.amplitudes, slopes, strict=True):

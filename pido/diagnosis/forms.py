@@ -23,7 +23,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import within_same_limits
 from pido.diagnosis.select import refine, shortlist_of
 from pido.diagnosis.terms import Term, fit
-from pido.diagnosis.unnamed import best_nameless, quantities
+from pido.diagnosis.unnamed import best_nameless
 from pido.diagnosis.whiten import Noise
 
 CONSTANT = ("gravity_load", "sensor_offset")  # a weight and a zero: the same on an axis that stands upright
@@ -145,7 +145,7 @@ def _law_over_boxes(library: Library, flat: Noise, terms: Sequence[Term], group:
         return None
     rest = [t for t in terms if t not in group]
     for score in best_nameless(library, flat, rest):
-        fewer = over & quantities(score.term) and numbers([score.term]) < numbers(group)
+        fewer = over & score.term.mechanism.reads and numbers([score.term]) < numbers(group)
         if fewer and _nearly_all(*_left(library.mismatch, rest, [*rest, score.term], terms)):
             return score.term
     return None

@@ -59,6 +59,10 @@ class Formula(Unnamed):
         return LOOKED_AT if self.factors else 1
 
     @property
+    def reads(self) -> frozenset[str]:
+        return frozenset(name for name, _ in self.factors)
+
+    @property
     def equation(self) -> str:  # type: ignore[override]
         return " * ".join(["dI = k", *(written(s, f) for s, f in self.factors)])
 
@@ -105,6 +109,10 @@ class Peak(Unnamed):
     wide: bool = False
 
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "A"),)
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.signal})
 
     @property
     def equation(self) -> str:  # type: ignore[override]
@@ -160,6 +168,10 @@ class Surface(Unnamed):
 
     shape: ClassVar[tuple[Parameter, ...]] = ()
     held_back: ClassVar[float] = 1e-3
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset(self.variables)
 
     @property
     def equation(self) -> str:  # type: ignore[override]

@@ -67,12 +67,16 @@ class Look:
     best_gain: float
 
 
-def first_look(mismatch: Mismatch, rng: np.random.Generator) -> Look:
-    """What can be said of an axis before its search."""
+def first_look(mismatch: Mismatch, rng: np.random.Generator, clipped: bool = False) -> Look:
+    """What can be said of an axis before its search. clipped : its recorded current ends at a limit."""
     plain, rejected = candidates(CATALOGUE, mismatch, {})
     noise = first_noise(mismatch, plain)
     inside = contained(mismatch, CATALOGUE, noise, rng)
     offered, _ = candidates(CATALOGUE, mismatch, {i: c.term for i, c in inside.items()})
+    if clipped:
+        # Below a limit only rows are left whose noise points away from it: they bend as a drive near its own does.
+        offered = [t for t in offered if t.mechanism.id != "current_saturation"]
+        rejected.append(Rejected(mismatch.axis, "current_saturation", "the recorded current ends at a limit before"))
     return Look(mismatch, noise, inside, offered, rejected, best_gain(mismatch, noise, offered, inside))
 
 

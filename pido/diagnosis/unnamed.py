@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.bends import Bend, bends
+from pido.diagnosis.bends import bends
 from pido.diagnosis.confirm import less_error, no_more_error, plain_errors
 from pido.diagnosis.dynamics import Ringing, ringing_terms
 from pido.diagnosis.flexible import Coarse, coarse, structure
@@ -40,7 +40,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import common_signals
 from pido.diagnosis.terms import Term, bic, fit
-from pido.diagnosis.waves import Wave, waves
+from pido.diagnosis.waves import waves
 from pido.diagnosis.whiten import Noise
 
 log = logging.getLogger(__name__)
@@ -184,7 +184,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     curve = best
     wanted: list[frozenset[str]] = []
     for term in offered[:40]:
-        names = quantities(term)
+        names = term.mechanism.reads
         for each in (names, *(frozenset({n}) for n in names)):
             if each not in wanted:
                 wanted.append(each)
@@ -295,23 +295,6 @@ def _at_an_edge(term: Term, beside: Sequence[Term]) -> bool:
     edges = [e for t in beside for g in t.gates if g.variable == peak.signal for e in (g.low, g.high)]
     places, shape = peak.place(np.array([e for e in edges if np.isfinite(e)])), dict(term.shape)
     return bool(np.any(np.abs(places - shape["c"]) < np.maximum(_EDGE * shape["w"], _EDGE_SHARE * np.abs(places))))
-
-
-def quantities(term: Term) -> frozenset[str]:
-    """Names of the recorded quantities that a law without a name is a law of; none of a surface."""
-    match term.mechanism:
-        case Formula(factors=factors):
-            return frozenset(n for n, _ in factors)
-        case Bend(signal=signal, turns=turns):
-            return frozenset({signal, turns} - {""})
-        case Peak(signal=signal) | Ringing(signal=signal):
-            return frozenset({signal})
-        case Late(reads=reads):
-            return reads
-        case Wave(place=place, signal=signal):
-            return frozenset({place, signal} - {""})
-        case _:
-            return frozenset()
 
 
 def _explained(mismatch: Mismatch, terms: Sequence[Term], amplitudes: Sequence[Float1D]) -> float:

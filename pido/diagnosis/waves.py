@@ -51,6 +51,10 @@ class Wave(Unnamed):
         return (Parameter("L", self.length, low=0.0, scale="log"),)
 
     @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.place, self.signal} - {""})
+
+    @property
     def equation(self) -> str:  # type: ignore[override]
         s, u = self.place, f" * {self.signal}" * bool(self.signal)
         if self.harmonics == 1:
@@ -66,7 +70,7 @@ class Wave(Unnamed):
         return tuple(Parameter(f"k_{side}{n}", per) for n in count for side in "sc")
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        known = signals(state, [n for n in (self.place, self.signal) if n])
+        known = signals(state, self.reads)
         s = known[self.place][0]
         angle = 2 * np.pi * s / shape["L"]
         rows = np.column_stack([f(n * angle) for n in range(1, self.harmonics + 1) for f in (np.sin, np.cos)])

@@ -7,10 +7,12 @@ import pytest
 from scipy import stats
 
 from pido.diagnosis.confirm import Whitened, half_widths, p_value, q_values
+from pido.diagnosis.estimate import estimate
 from pido.diagnosis.formulas import Formula, Surface
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import AxisModel
 from pido.diagnosis.terms import Term, held_back, solve
+from tests.diagnosis.planted import NOISE, planted
 
 _ROWS, _BLOCKS = 1200, 40
 
@@ -135,3 +137,15 @@ def test_a_term_acts_on_a_new_part_at_most_three_times_as_strongly_as_where_it_w
     assert effect.min() == pytest.approx(-30.0)
     assert effect.max() == pytest.approx(30.0)
     np.testing.assert_allclose(effect[4], 0.0, atol=1e-12)
+
+
+def test_a_corner_that_hardly_any_row_reaches_has_an_interval_that_can_be_read():
+    library, noise = planted(lambda s: np.abs(s.v))
+    top = max(float(s.v.max()) for s in library.mismatch.states)
+    surface = Term(Surface(("v_x",), ((-15.0, 0.0, top - 1e-9, top + 100.0),), (False,)))
+    (found,) = estimate(library.mismatch, noise, [surface], np.random.default_rng(0)).parameters
+    low, high = found["g_3"].ci95
+    assert low <= found["g_3"].value <= high
+    assert high - low < 100 * NOISE
+    low, high = found["g_0"].ci95
+    assert 0 < high - low < NOISE

@@ -17,7 +17,6 @@ from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, inside
-from pido.diagnosis.unnamed import quantities
 from pido.diagnosis.whiten import Noise
 
 NOISE = 0.05
@@ -183,4 +182,4 @@ def test_what_grows_with_the_speed_of_another_axis_is_one_law_of_it_and_not_two_
     boxes = [Term(coulomb, gates=(Gate("v_y", high=-5.0),)), Term(heat, drift, gates=(Gate("v_y", low=5.0),))]
     (one,) = fewest(library, even(mismatch), boxes)
     assert one.name == "unknown"
-    assert quantities(one) == {"v_x", "v_y"}
+    assert one.mechanism.reads == {"v_x", "v_y"}

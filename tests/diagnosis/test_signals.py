@@ -15,7 +15,7 @@ from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.unnamed import quantities, with_unknown
+from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
 from tests.diagnosis.planted import NOISE, found_in, part, white
 
@@ -185,5 +185,5 @@ def test_a_law_is_judged_alike_in_whatever_unit_its_quantity_is_large():
 def test_a_corner_that_loads_an_axis_is_a_law_of_what_turns_the_path():
     term = found_in(lambda s: signals(s, ["a_n"])["a_n"][0])
     assert isinstance(term.mechanism, Formula)
-    assert quantities(term) == {"a_n"}
+    assert term.mechanism.reads == {"a_n"}
     assert [p.unit for p in term.mechanism.amplitudes] == ["A/(mm/s²)"]

@@ -82,6 +82,7 @@ class Mechanism(ABC):
     passes_loop: ClassVar[bool] = True  # of a drive; not what acts on the current itself or is late in its own way
     quantity: ClassVar[str | None] = None  # the choice that says what it is in proportion to
     follows_from: ClassVar[tuple[str, ...]] = ()  # of a state's fields that a part may lack: without them it is nothing
+    becomes: ClassVar[frozenset[str]] = frozenset()  # mechanisms whose law it can be, in more words
     looked_at: ClassVar[int] = 1  # shapes that `suggest` compares; a claim is charged for them
 
     @property
@@ -105,6 +106,11 @@ class Mechanism(ABC):
         if axis not in self.axes:
             return f"it does not act on axis {axis}"
         return self.needs(states)
+
+    @property
+    def reads(self) -> frozenset[str]:
+        """Names of the recorded quantities that a law without a name is a law of; none of what has one."""
+        return frozenset()
 
     def starts(self, states: Sequence[AxisState]) -> tuple[dict[str, float], ...]:
         """Shapes that a search in these data starts from: all of the grid, unless a member knows better."""

@@ -228,6 +228,7 @@ class PositionDependentFriction(Mechanism):
     """
 
     id = "position_dependent_friction"
+    becomes = frozenset({"coulomb_friction"})
     equation = (
         "dI = g(pos) * sgn(v), at rest 0 or held; g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
         "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L; "
@@ -349,6 +350,7 @@ class PreslidingHysteresis(Mechanism):
 
     id = "presliding_hysteresis"
     transient = True
+    becomes = frozenset({"coulomb_friction"})
     equation = "dI = F_p * (z - z_sim); dz/ds = (h - z) / x_0, h = direction of the last motion, z_sim = h, 0 or sgn(v)"
     amplitudes = (Parameter("F_p", "A", low=0.0),)
     shape = (Parameter("x_0", "mm", low=0.003, high=3.0, scale="log", points=7), choice("full", 3))

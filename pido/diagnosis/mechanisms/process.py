@@ -172,6 +172,7 @@ class MaterialHardZone(Mechanism):
     """
 
     id = "material_hard_zone"
+    becomes = frozenset({"cutting_force"})
     equation = "dI = H * F inside a disc or box of the workpiece"
     amplitudes = (Parameter("H", "A per N or N·m"),)
     shape = (

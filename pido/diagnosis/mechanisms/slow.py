@@ -27,6 +27,7 @@ class ThermalDrift(Mechanism):
     """
 
     id = "thermal_drift"
+    becomes = frozenset({"coulomb_friction", "viscous_friction", "gravity_load", "sensor_offset"})
     equation = "dI = T * exp(-t / tau) or T * (1 - exp(-t / tau)), constant or along sgn(v) or v"
     amplitudes = (Parameter("T", "A or A/(mm/s)"),)
     shape = (
