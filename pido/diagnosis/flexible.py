@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from pido.core.arrays import Float1D, Int1D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.diagnosis.confirm import p_of_mean
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import common_signals
+from pido.diagnosis.terms import bic
 from pido.diagnosis.whiten import Noise
 
 _TREES: dict[str, Any] = dict(
@@ -29,6 +30,7 @@ _TREES: dict[str, Any] = dict(
 )
 _MOST_ROWS = 8_000
 _FEWEST_ROWS = 200
+_FLAT = 1e-9  # of a column's power: nothing of it is left beside another
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +133,19 @@ def coarse(mismatch: Mismatch, residual: Float1D, noise: Noise, most: int = _MOS
     keep = (count > width / 2) & same
     level = noise.level[rows]
     return Coarse(rows[keep], sums[keep] / count[keep], level[keep] ** -2.0)
+
+
+def price(columns: Float2D, few: Coarse) -> float:
+    """BIC of what columns (m, k) leave of the averages."""
+    root = np.sqrt(few.weights)
+    rows, values = columns * root[:, None], few.values * root
+    size = np.sqrt(np.einsum("ij,ij->j", rows, rows))
+    whole = float(values @ values)
+    if not size.all():
+        return bic(whole, len(values), 0)
+    gram, inner = (rows.T @ rows) / np.outer(size, size), rows.T @ values / size
+    beta = np.linalg.lstsq(gram, inner, rcond=_FLAT)[0]
+    return bic(whole - float(beta @ inner), len(values), len(size))
 
 
 def _three_folds(mismatch: Mismatch, rows: Any) -> Any:

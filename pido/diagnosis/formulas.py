@@ -270,12 +270,16 @@ def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
     return [*singles, *pairs]
 
 
-def curve_over_current(mismatch: Mismatch, count: int = 10) -> Surface | None:
+def curve_over_current(mismatch: Mismatch, count: int) -> Surface | None:
     """A curve over the axis' own simulated current, which may jump at zero as the dead time of a drive makes it; only
     for the place of several laws (see `surfaces`)."""
     if mismatch.sim is None:
         return None
-    knots = _knots(mismatch.sim[mismatch.usable], count)
+    often = _knots(mismatch.sim[mismatch.usable], count)
+    # Also where it is seldom, between what friction and what cutting takes.
+    evenly = np.linspace(often[0], often[-1], count)
+    seldom = evenly[np.min(np.abs(evenly[:, None] - np.array(often)), axis=1) > np.ptp(evenly) / (2 * count)]
+    knots = tuple(sorted({*often, *map(float, seldom)}))
     both = bool(mismatch.sim.min() < 0 < mismatch.sim.max())
     return Surface((f"I_{mismatch.axis}",), (knots,), (both,)) if len(knots) >= 2 else None
 

@@ -15,13 +15,13 @@ from typing import ClassVar
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
-from pido.diagnosis.flexible import Coarse
+from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.terms import Term, bic
+from pido.diagnosis.terms import Term
 from pido.physics.drive import answered_late
 
 _TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -29,7 +29,6 @@ _SLOW_TIMES_S = (30.0, 100.0, 300.0)
 _LONGEST_S = 30.0  # what comes later still is drift
 _BEST_TIMES = 2  # of every law, by the averages
 _MODULATED = 40  # of these, the best by the averages
-_FLAT = 1e-9  # of a column's power: nothing of it is left beside another
 
 Known = Mapping[str, Float1D]
 
@@ -205,7 +204,7 @@ def late_terms(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]], few
         for tau in times:
             if (name, form, tau) not in late:
                 late[name, form, tau] = _late_in_parts(FORMS[form](known[name][0]), mismatch, tau)[few.rows]
-            prices[tau] = _price(law.over(values, late[name, form, tau]), few)
+            prices[tau] = price(law.over(values, late[name, form, tau]), few)
         return [
             (prices[tau], Term(law, (("tau", tau),))) for tau in sorted(times, key=prices.__getitem__)[:_BEST_TIMES]
         ]
@@ -259,16 +258,3 @@ def _late_in_parts(values: Float1D, mismatch: Mismatch, tau: float) -> Float1D:
     """`answered_late` of every part by itself, (n,)."""
     parts = np.split(values, mismatch.edges[1:-1])
     return np.concatenate([answered_late(u[None], s.time, tau)[0] for u, s in zip(parts, mismatch.states, strict=True)])
-
-
-def _price(columns: Float2D, few: Coarse) -> float:
-    """BIC of what columns (m, k) leave of the averages."""
-    root = np.sqrt(few.weights)
-    rows, values = columns * root[:, None], few.values * root
-    size = np.sqrt(np.einsum("ij,ij->j", rows, rows))
-    whole = float(values @ values)
-    if not size.all():
-        return bic(whole, len(values), 0)
-    gram, inner = (rows.T @ rows) / np.outer(size, size), rows.T @ values / size
-    beta = np.linalg.lstsq(gram, inner, rcond=_FLAT)[0]
-    return bic(whole - float(beta @ inner), len(values), len(size))

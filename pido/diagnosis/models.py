@@ -25,6 +25,7 @@ from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Gate, Term
 from pido.diagnosis.waves import Wave
@@ -223,6 +224,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"fades": signal, "form": form, "unit": unit, "in_motion": in_motion}
         case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside):
             own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit, "beside": beside}
+        case Rested(axis=axis, unit=unit):
+            own |= {"rested": axis, "unit": unit}
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -284,6 +287,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), bool(own["in_motion"]))
     if "modulates" in own:
         return Modulated(*(str(own[n]) for n in ("modulates", "form", "cause", "loss", "unit", "beside")))
+    if "rested" in own:
+        return Rested(str(own["rested"]), str(own["unit"]))
     if "heats" in own:  # a model of before
         form, loss, unit = (str(own.get(n, d)) for n, d in (("form", "u"), ("loss", "u²"), ("unit", "(A)·(A)^2")))
         return Modulated(str(own["heats"]), form, str(own["heats"]), loss, unit)

@@ -38,6 +38,7 @@ from pido.diagnosis.late import Late, late_terms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import common_signals
 from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.waves import waves
@@ -60,11 +61,14 @@ _SURFACES = 4  # that are asked for what they take away themselves
 _ROWS = 3_000  # of the coarse residual, on which these are compared
 _RIDGE = 1e-3  # of a knot's own power
 _MANY = 3  # laws on one axis: so many at once are less likely than one that nobody has named
+_KNOTS = (10, 24)  # of a curve over the current: few, or as many as what bends quickly takes
+_FAR_MORE = 2.0  # times what others remove
+_GOOD_SHARE = 0.1  # of a mismatch's mean square
 _FINALISTS = 12
 _TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
-_REMEMBERS = (Ringing, Late)
+_REMEMBERS = (Ringing, Late, Rested)
 _SIMPLEX = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
 
 
@@ -94,9 +98,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             )
             if plainly or _says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, tried
-    whole = curve_over_current(mismatch) if len(best_terms) >= _MANY else None
-    if whole is not None and _says_it_all(mismatch, [Term(whole).behind(library.lag)], best_terms):
-        best_terms = [Term(whole).behind(library.lag)]
+    best_terms = _curve_instead(mismatch, best_terms, library.lag)
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)
     named = _explained(mismatch, best_terms, joint.amplitudes)
@@ -108,6 +110,17 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             "and neither a mechanism nor a formula or curve describes it."
         )
     return best_terms, None
+
+
+def _curve_instead(mismatch: Mismatch, terms: list[Term], lag: float) -> list[Term]:
+    """A curve over the simulated current in place of many laws that it replaces, or of laws that do far less."""
+    coarse_one, fine_one = (curve_over_current(mismatch, count) for count in _KNOTS)
+    if coarse_one is None or fine_one is None:
+        return terms
+    few, many = ([Term(curve).behind(lag)] for curve in (coarse_one, fine_one))
+    if len(terms) >= _MANY and _says_it_all(mismatch, few, terms):
+        return few
+    return many if _says_far_more(mismatch, many, terms) else terms
 
 
 def _charged(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
@@ -135,6 +148,12 @@ def _says_the_rest_too(mismatch: Mismatch, few: Sequence[Term], many: Sequence[T
     """Whether one law without a name leaves no more error on unseen folds than another one beside names."""
     halves = len(few) < len(many) and any(t.name == "unknown" for t in many)
     return halves and no_more_error(mismatch, few, many)
+
+
+def _says_far_more(mismatch: Mismatch, one: Sequence[Term], terms: Sequence[Term]) -> bool:
+    """Whether a law of the current itself removes a good share of all on unseen folds, and twice what `terms` do."""
+    none, former, now = (error**2 for error in plain_errors(mismatch, (), terms, one))
+    return none - now > max(_FAR_MORE * (none - former), _GOOD_SHARE * none)
 
 
 def _share_asked(unnamed: Term, beside: bool) -> float:
@@ -170,6 +189,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
     offered = [t.behind(library.lag) for t in _ranked(mismatch.axis, known, few)]
     late = [*ringing_terms(mismatch, residual, whole), *late_terms(mismatch, whole, few)]
+    late += rested_terms(mismatch, few)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):

@@ -13,6 +13,7 @@ from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
+from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import is_known, with_unknown
@@ -98,6 +99,7 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
         Term(Fading("v_x", "u", "mm/s", in_motion=True), (("tau", 0.8),)),
         Term(Modulated("v_x", "|u|", "v_y", "u", "(mm/s)·(mm/s)", beside="(mm/s)"), (("tau", 0.8),)),
         Term(Wave("v_x", "mm/s", "", "–"), (("L", 3.0),)),
+        Term(Rested("x", "s"), (("tau", 2.0), ("L", 0.7))),
     ],
 )
 def test_a_model_that_remembers_comes_back_from_its_file(term):

@@ -12,9 +12,10 @@ from pido.diagnosis.late import Lagged, Modulated
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
+from pido.diagnosis.rested import Rested
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState, axis_states
-from pido.diagnosis.terms import Term
+from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
 from tests.diagnosis.planted import NOISE, found_in, part, white
@@ -120,6 +121,36 @@ def test_a_belt_that_runs_out_of_true_is_felt_with_the_load_on_it():
     assert isinstance(term.mechanism, Wave)
     assert (term.mechanism.place, term.mechanism.signal) == ("pos_x", "I_x")
     assert dict(term.shape)["L"] == pytest.approx(7.7, rel=0.01)
+
+
+def test_a_friction_that_rest_builds_up_and_way_takes_away_is_one_law():
+    def settled(state):
+        z, out = 0.0, np.zeros(len(state.v))
+        for i, (v, moves) in enumerate(zip(state.v, state.moving, strict=True)):
+            z = z * np.exp(-abs(v) * 0.01 / 5.0) if moves else 1 - (1 - z) * np.exp(-0.01 / 1.6)
+            out[i] = z * np.sign(v) * moves
+        return out
+
+    term = found_in(settled, strength=6.0, stops=True)
+    assert term.mechanism == Rested("x", "mm")
+    assert dict(term.shape) == {"tau": pytest.approx(1.6, rel=0.1), "L": pytest.approx(5.0, rel=0.1)}
+
+
+def test_a_drive_that_is_weak_where_its_current_turns_is_a_curve_over_the_current():
+    states = [
+        replace(s, sim=4.0 * np.sin(2 * np.pi * 0.11 * s.time) * np.sign(s.v) + 0.02 * s.a)
+        for s in axis_states([part(k) for k in range(3)], "x")
+    ]
+    rng = np.random.default_rng(0)
+    lost = [-0.3 * s.sim * np.exp(-((s.sim / 1.0) ** 2)) for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in lost])
+    noise = white(mismatch)
+    library = Library(mismatch, [])
+    library.whiten(noise)
+    (term,), _ = with_unknown(library, noise, [], 0)
+    assert term.mechanism.reads == {"I_x"}
+    joint = fit(mismatch, noise, [term])
+    assert np.std(joint.residual) == pytest.approx(NOISE, rel=0.1)
 
 
 def test_what_another_quantity_has_been_lately_is_felt_more_at_speed():
