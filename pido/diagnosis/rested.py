@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import Unnamed
@@ -56,9 +56,7 @@ class Rested(Unnamed):
         return f"dI = k * z * sgn(v_{self.axis}), at rest 0; {grows}, dz/ds = -z / L in motion, s = {along}"
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        steps = np.diff(state.time, prepend=state.time[:1]) * (np.abs(state.v) if self.unit == "mm" else 1.0)
-        z = _strength(state, steps, shape["tau"], shape["L"])
-        return (z * state.held * state.moving)[:, None]
+        return _Motions.of(state, self.unit).strength(np.arange(len(state.time)), shape["tau"], shape["L"])[:, None]
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         within = f"within {3 * shape['L']:.3g} {self.unit} after it begins to move"
@@ -73,26 +71,53 @@ class Rested(Unnamed):
         return {"tau": float(shape["tau"] * far[0]), "L": float(shape["L"] * far[1])}
 
 
+@dataclass(frozen=True)
+class _Motions:
+    """When an axis of one part moves, from `starts` to before `stops` (k,), after how long a rest (k,) in s.
+
+    gone : (n,), how far or how long it has moved so far; direction : (n,), 0 at rest
+    """
+
+    starts: Int1D
+    stops: Int1D
+    rests: Float1D
+    gone: Float1D
+    direction: Float1D
+
+    @classmethod
+    def of(cls, state: AxisState, unit: str) -> _Motions:
+        """unit : mm of way or s of time, in which `gone` counts"""
+        moving = np.r_[False, state.moving, False]
+        starts, stops = np.flatnonzero(moving[1:] & ~moving[:-1]), np.flatnonzero(~moving[1:] & moving[:-1])
+        steps = np.diff(state.time, prepend=state.time[:1]) * (np.abs(state.v) if unit == "mm" else 1.0)
+        rests = state.time[starts] - state.time[np.r_[0, stops - 1][: len(starts)]]
+        return cls(starts, stops, rests, np.cumsum(steps * state.moving), state.held * state.moving)
+
+    def strength(self, rows: Int1D, tau: float, length: float) -> Float1D:
+        """z * sgn(v) in some rows."""
+        if not len(self.starts):
+            return np.zeros(len(rows))
+        left = np.exp(-(self.gone[self.stops - 1] - self.gone[self.starts]) / length)
+        missing = np.exp(-self.rests / tau)
+        first, z = np.zeros(len(self.starts)), 0.0
+        for i, (m, end) in enumerate(zip(missing, left, strict=True)):
+            first[i] = 1.0 - (1.0 - z) * m
+            z = first[i] * end
+        at = np.maximum(np.searchsorted(self.starts, rows, side="right") - 1, 0)
+        return first[at] * np.exp(-(self.gone[rows] - self.gone[self.starts[at]]) / length) * self.direction[rows]
+
+
 def rested_terms(mismatch: Mismatch, few: Coarse) -> list[Term]:
     """The best of these laws, by what is left, as averages."""
     starts = any(np.any(s.moving[1:] & ~s.moving[:-1]) for s in mismatch.states)
     if mismatch.axis not in LINEAR_AXES or not starts:
         return []
-    laws = [Rested(mismatch.axis, unit) for unit in _FADES]
-    terms = [
-        Term(law, (("tau", tau), ("L", L))) for law in laws for tau, L in itertools.product(_GROWS_S, _FADES[law.unit])
-    ]
-    return sorted(terms, key=lambda t: price(t.columns(mismatch.states)[:, few.rows].T, few))[:_BEST]
-
-
-def _strength(state: AxisState, steps: Float1D, tau: float, length: float) -> Float1D:
-    """(n,) – z in motion, 0 at rest. steps : (n,), of s"""
-    moving = np.r_[False, state.moving, False]
-    starts, stops = np.flatnonzero(moving[1:] & ~moving[:-1]), np.flatnonzero(~moving[1:] & moving[:-1])
-    gone = np.cumsum(steps)
-    out, z, stood = np.zeros(len(steps)), 0.0, state.time[0] if len(steps) else 0.0
-    for start, stop in zip(starts, stops, strict=True):
-        z = 1.0 - (1.0 - z) * float(np.exp(-(state.time[start] - stood) / tau))
-        out[start:stop] = z * np.exp(-(gone[start:stop] - gone[start]) / length)
-        z, stood = float(out[stop - 1]), state.time[stop - 1]
-    return out
+    spans = list(itertools.pairwise(mismatch.edges))
+    rows = [few.rows[(few.rows >= i) & (few.rows < j)] - i for i, j in spans]
+    found = []
+    for unit, lengths in _FADES.items():
+        law, motions = Rested(mismatch.axis, unit), [_Motions.of(s, unit) for s in mismatch.states]
+        for tau, length in itertools.product(_GROWS_S, lengths):
+            z = np.concatenate([m.strength(r, tau, length) for m, r in zip(motions, rows, strict=True)])
+            found.append((price(z[:, None], few), Term(law, (("tau", tau), ("L", length)))))
+    return [term for _, term in sorted(found, key=lambda each: each[0])[:_BEST]]

@@ -20,7 +20,7 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.bends import bends
 from pido.diagnosis.confirm import less_error, no_more_error, plain_errors
 from pido.diagnosis.dynamics import Ringing, ringing_terms
-from pido.diagnosis.flexible import Coarse, coarse, structure
+from pido.diagnosis.flexible import Coarse, coarse, price, structure
 from pido.diagnosis.formulas import (
     FORMS,
     LOOKED_AT,
@@ -98,7 +98,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             )
             if plainly or _says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, tried
-    best_terms = _curve_instead(mismatch, best_terms, library.lag)
+    best_terms = _curve_instead(library, noise, best_terms)
     joint = fit(mismatch, noise, best_terms)
     left = structure(mismatch, joint.residual, noise, seed)
     named = _explained(mismatch, best_terms, joint.amplitudes)
@@ -112,15 +112,21 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
     return best_terms, None
 
 
-def _curve_instead(mismatch: Mismatch, terms: list[Term], lag: float) -> list[Term]:
+def _curve_instead(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
     """A curve over the simulated current in place of many laws that it replaces, or of laws that do far less."""
+    mismatch = library.mismatch
     coarse_one, fine_one = (curve_over_current(mismatch, count) for count in _KNOTS)
-    if coarse_one is None or fine_one is None:
+    if coarse_one is None or fine_one is None or mismatch.sim is None:
         return terms
-    few, many = ([Term(curve).behind(lag)] for curve in (coarse_one, fine_one))
+    few, many = ([Term(curve).behind(library.lag)] for curve in (coarse_one, fine_one))
     if len(terms) >= _MANY and _says_it_all(mismatch, few, terms):
         return few
-    return many if _says_far_more(mismatch, many, terms) else terms
+    # What is no more likely by averages, which are soon compared, does not do far more.
+    whole = coarse(mismatch, fit(mismatch, noise, []).residual, noise)
+    curve = fine_one.over({name: (np.nan_to_num(mismatch.sim[whole.rows]), "A") for name in fine_one.reads})
+    named = np.concatenate([np.zeros((0, len(whole.rows))), *(library.columns(t)[:, whole.rows] for t in terms)])
+    likely = price(curve[:, curve.any(axis=0)], whole) < price(named.T, whole)
+    return many if likely and _says_far_more(mismatch, many, terms) else terms
 
 
 def _charged(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
