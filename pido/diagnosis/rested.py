@@ -91,7 +91,7 @@ class _Motions:
         starts, stops = np.flatnonzero(moving[1:] & ~moving[:-1]), np.flatnonzero(~moving[1:] & moving[:-1])
         steps = np.diff(state.time, prepend=state.time[:1]) * (np.abs(state.v) if unit == "mm" else 1.0)
         rests = state.time[starts] - state.time[np.r_[0, stops - 1][: len(starts)]]
-        return cls(starts, stops, rests, np.cumsum(steps * state.moving), state.held * state.moving)
+        return cls(starts, stops, rests, np.cumsum(np.where(state.moving, steps, 0.0)), state.held * state.moving)
 
     def strength(self, rows: Int1D, tau: float, length: float) -> Float1D:
         """z * sgn(v) in some rows."""

@@ -136,6 +136,15 @@ def test_a_friction_that_rest_builds_up_and_way_takes_away_is_one_law():
     assert dict(term.shape) == {"tau": pytest.approx(1.6, rel=0.1), "L": pytest.approx(5.0, rel=0.1)}
 
 
+def test_where_a_speed_is_missing_what_rest_built_up_stays():
+    speed = np.r_[np.zeros(50), np.full(50, 4.0), np.full(10, np.nan), np.full(90, 4.0)]
+    for unit in ("mm", "s"):
+        felt = Rested("x", unit).regressors(state_of(v_x=speed, a_x=np.zeros(200)), tau=1.0, L=3.0)[:, 0]
+        assert np.isfinite(felt).all()
+        assert felt[50] > felt[99] > felt[-1] > 0.0
+        np.testing.assert_array_equal(felt[100:110], 0.0)
+
+
 def test_a_drive_that_is_weak_where_its_current_turns_is_a_curve_over_the_current():
     states = [
         replace(s, sim=4.0 * np.sin(2 * np.pi * 0.11 * s.time) * np.sign(s.v) + 0.02 * s.a)
