@@ -272,7 +272,7 @@ def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
 
 def curve_over_current(mismatch: Mismatch, count: int) -> Surface | None:
     """A curve over the axis' own simulated current, which may jump at zero as the dead time of a drive makes it; only
-    for the place of several laws (see `surfaces`)."""
+    for the place of several laws, or of laws that do far less (see `surfaces`)."""
     if mismatch.sim is None:
         return None
     often = _knots(mismatch.sim[mismatch.usable], count)

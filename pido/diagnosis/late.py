@@ -8,6 +8,7 @@ Out: `Lagged`, `Fading` and `Modulated` terms worth a closer look.
 from __future__ import annotations
 
 import itertools
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -41,18 +42,18 @@ class Late(Unnamed):
     shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
 
     @property
+    @abstractmethod
     def driver(self) -> tuple[str, str]:
         """Signal and form of what is late."""
-        raise NotImplementedError
 
     @property
     def reads(self) -> frozenset[str]:
         """The signals that it follows from."""
         return frozenset({self.driver[0]})
 
+    @abstractmethod
     def over(self, known: Known, late: Float1D) -> Float2D:
         """(n, k), from the signals and what is late, (n,) each. Of the state: 'cutting' and 'moving', 0 or 1."""
-        raise NotImplementedError
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         known = {n: v for n, (v, _) in signals(state, self.reads).items()} | _what_it_does(state)

@@ -20,6 +20,7 @@ from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
+from pido.diagnosis.mechanisms.friction import direction
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
@@ -91,7 +92,7 @@ class _Motions:
         starts, stops = np.flatnonzero(moving[1:] & ~moving[:-1]), np.flatnonzero(~moving[1:] & moving[:-1])
         steps = np.diff(state.time, prepend=state.time[:1]) * (np.abs(state.v) if unit == "mm" else 1.0)
         rests = state.time[starts] - state.time[np.r_[0, stops - 1][: len(starts)]]
-        return cls(starts, stops, rests, np.cumsum(np.where(state.moving, steps, 0.0)), state.held * state.moving)
+        return cls(starts, stops, rests, np.cumsum(np.where(state.moving, steps, 0.0)), direction(state))
 
     def strength(self, rows: Int1D, tau: float, length: float) -> Float1D:
         """z * sgn(v) in some rows."""

@@ -115,18 +115,20 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
 def _curve_instead(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
     """A curve over the simulated current in place of many laws that it replaces, or of laws that do far less."""
     mismatch = library.mismatch
-    coarse_one, fine_one = (curve_over_current(mismatch, count) for count in _KNOTS)
-    if coarse_one is None or fine_one is None or mismatch.sim is None:
+    if mismatch.sim is None:
         return terms
-    few, many = ([Term(curve).behind(library.lag)] for curve in (coarse_one, fine_one))
-    if len(terms) >= _MANY and _says_it_all(mismatch, few, terms):
-        return few
+    rough, fine = (curve_over_current(mismatch, count) for count in _KNOTS)
+    if rough is None or fine is None:
+        return terms
+    by_rough, by_fine = ([Term(curve).behind(library.lag)] for curve in (rough, fine))
+    if len(terms) >= _MANY and _says_it_all(mismatch, by_rough, terms):
+        return by_rough
     # What is no more likely by averages, which are soon compared, does not do far more.
-    whole = coarse(mismatch, fit(mismatch, noise, []).residual, noise)
-    curve = fine_one.over({name: (np.nan_to_num(mismatch.sim[whole.rows]), "A") for name in fine_one.reads})
-    named = np.concatenate([np.zeros((0, len(whole.rows))), *(library.columns(t)[:, whole.rows] for t in terms)])
-    likely = price(curve[:, curve.any(axis=0)], whole) < price(named.T, whole)
-    return many if likely and _says_far_more(mismatch, many, terms) else terms
+    few = coarse(mismatch, fit(mismatch, noise, []).residual, noise)
+    curve = fine.over({name: (np.nan_to_num(mismatch.sim[few.rows]), "A") for name in fine.reads})
+    named = np.concatenate([np.zeros((0, len(few.rows))), *(library.columns(t)[:, few.rows] for t in terms)])
+    likely = price(curve[:, curve.any(axis=0)], few) < price(named.T, few)
+    return by_fine if likely and _says_far_more(mismatch, by_fine, terms) else terms
 
 
 def _charged(library: Library, noise: Noise, terms: Sequence[Term]) -> Basis:
