@@ -30,6 +30,12 @@ from pido.experiments.judged import judge
 
 ROOT = Path(__file__).parents[1]
 
+GROUPS: Mapping[str, str] = {
+    "single": "single", "pair": "pair", "wrong": "wrong coefficient", "fault": "data fault",
+    "box": "confined to a region", "outside": "outside the vocabulary", "confounded": "confounded", "clean": "clean",
+}  # fmt: skip
+"""What a group is called on the command line, and in a plan."""
+
 
 @dataclass(frozen=True)
 class Generator:
@@ -64,6 +70,13 @@ def solve(generator: Generator, task: Task, folder: Path) -> dict[str, Any]:
     for place in (work, sealed):
         shutil.rmtree(place)
     return {**about, "plant": truth["machine"], **row}
+
+
+def chosen(tasks: Sequence[Task], first: int, last: int | None, groups: Sequence[str]) -> dict[int, Task]:
+    """Cases first to last of a plan that are of one of the groups, if any are named, by their number in the plan."""
+    named = {GROUPS[g] for g in groups}
+    numbered = list(enumerate(tasks))[first:last]
+    return {k: task for k, task in numbered if not named or task.group in named}
 
 
 def examine(generator: Generator, tasks: Sequence[Task], folder: Path, workers: int) -> pd.DataFrame:
@@ -112,9 +125,9 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     }
 
 
-def only_draw(generator: Generator, tasks: Sequence[Task], first: int, folder: Path) -> None:
+def only_draw(generator: Generator, tasks: Mapping[int, Task], folder: Path) -> None:
     """`case_000`, ... with the part folders, the last one unseen; the truth of each in `truth/case_000`."""
-    for k, task in enumerate(tasks, start=first):
+    for k, task in tasks.items():
         name = f"case_{k:03d}"
         for place in (folder / name, folder / "truth" / name):
             shutil.rmtree(place, ignore_errors=True)
@@ -135,6 +148,9 @@ def command(generator: Generator) -> click.Command:
     @click.option("--seed", default=1, show_default=True)
     @click.option("--from", "first", default=0, show_default=True, help="first case of the plan to ask")
     @click.option("--to", "last", type=int, help="the case before which to stop  [default: all]")
+    @click.option("--group", "groups", multiple=True, type=click.Choice(list(GROUPS)),
+                  help="only cases of this group, may be given again; --from and --to count in the whole plan and a "
+                       "case keeps its number there  [default: all groups]")  # fmt: skip
     @click.option("--workers", default=1, show_default=True, help="cases at a time, each in a process with one thread")
     @click.option("--out", type=click.Path(path_type=Path), default=place, show_default=True)
     @click.option("--draw", "drawn", type=click.Path(path_type=Path), help="only write the cases and their truth here")
@@ -144,6 +160,7 @@ def command(generator: Generator) -> click.Command:
         seed: int,
         first: int,
         last: int | None,
+        groups: tuple[str, ...],
         workers: int,
         out: Path,
         drawn: Path | None,
@@ -152,12 +169,14 @@ def command(generator: Generator) -> click.Command:
         if one:
             click.echo(json.dumps(solve(generator, Task(**json.loads(one)), out)))
             return
-        tasks = generator.plan(cases, seed)[first:last]
+        tasks = chosen(generator.plan(cases, seed), first, last, groups)
+        if not tasks:
+            raise click.UsageError(f"No such case among {cases} that are planned: plan more of them with --cases.")
         if drawn:
-            only_draw(generator, tasks, first, drawn)
+            only_draw(generator, tasks, drawn)
             return
         try:
-            rows = examine(generator, tasks, out.resolve(), workers)
+            rows = examine(generator, list(tasks.values()), out.resolve(), workers)
         except PidoError as error:
             raise click.ClickException(str(error)) from None
         for title, table in tables(rows).items():
