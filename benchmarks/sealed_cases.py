@@ -37,17 +37,23 @@ GROUPS: Mapping[str, str] = {
 """What a group is called on the command line, and in a plan."""
 
 
+Plan = Callable[[int, int], Sequence[Task]]
+"""(how many cases, seed) -> tasks."""
+
+
 @dataclass(frozen=True)
 class Generator:
     """package : dotted name, run with -m; about : of its machines; what follows "Examine ... on"
 
-    plan : (how many cases, seed) -> tasks; write : (task, folder, sealed folder) -> part folders, the unseen one last
+    plan : of its first edition, later : of those after it; write : (task, folder, sealed folder) -> part folders, the
+    unseen one last
     """
 
     package: str
     about: str
-    plan: Callable[[int, int], Sequence[Task]]
+    plan: Plan
     write: Callable[[Task, Path, Path], Sequence[Path]]
+    later: tuple[Plan, ...] = ()
 
     @property
     def name(self) -> str:
@@ -103,7 +109,7 @@ def digest(generator: Generator) -> str:
     text = hashlib.sha256(code_digest().encode())
     here = Path(__file__)
     shared = [here, here.with_name("sealed_truth.py")]
-    for path in [*shared, *sorted(ROOT.joinpath(*generator.package.split(".")).glob("*.py"))]:
+    for path in [*shared, *sorted(ROOT.joinpath(*generator.package.split(".")).rglob("*.py"))]:
         text.update(path.read_bytes())
     return text.hexdigest()[:10]
 
@@ -137,7 +143,7 @@ def only_draw(generator: Generator, tasks: Mapping[int, Task], folder: Path) -> 
 
 def command(generator: Generator) -> click.Command:
     """What `python -m` of the generator's package does."""
-    place = Path("out") / generator.name
+    place, plans = Path("out") / generator.name, (generator.plan, *generator.later)
 
     @click.command(
         context_settings={"help_option_names": ["-h", "--help"]},
@@ -146,6 +152,8 @@ def command(generator: Generator) -> click.Command:
     )
     @click.option("--cases", default=50, show_default=True, help="how many are planned")
     @click.option("--seed", default=1, show_default=True)
+    @click.option("--edition", type=click.IntRange(1, len(plans)), default=1, show_default=True,
+                  hidden=len(plans) == 1, help="further machines and laws of the same generator")  # fmt: skip
     @click.option("--from", "first", default=0, show_default=True, help="first case of the plan to ask")
     @click.option("--to", "last", type=int, help="the case before which to stop  [default: all]")
     @click.option("--group", "groups", multiple=True, type=click.Choice(list(GROUPS)),
@@ -158,6 +166,7 @@ def command(generator: Generator) -> click.Command:
     def main(
         cases: int,
         seed: int,
+        edition: int,
         first: int,
         last: int | None,
         groups: tuple[str, ...],
@@ -169,7 +178,7 @@ def command(generator: Generator) -> click.Command:
         if one:
             click.echo(json.dumps(solve(generator, Task(**json.loads(one)), out)))
             return
-        tasks = chosen(generator.plan(cases, seed), first, last, groups)
+        tasks = chosen(plans[edition - 1](cases, seed), first, last, groups)
         if not tasks:
             raise click.UsageError(f"No such case among {cases} that are planned: plan more of them with --cases.")
         if drawn:

@@ -40,10 +40,12 @@ class Task:
     what: str
     strength: float
     seed: int
+    edition: int = 1
 
     @property
     def key(self) -> str:
         said = f"{self.group}|{self.what}|{self.strength}|{self.seed}"
+        said += f"|{self.edition}" if self.edition > 1 else ""  # rows of the first are kept under the key they had
         return hashlib.sha256(said.encode()).hexdigest()[:12]
 
 

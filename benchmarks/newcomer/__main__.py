@@ -7,9 +7,11 @@ python -m benchmarks.newcomer --cases 50 --seed 1 --draw out/drawn              
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from benchmarks.newcomer.draw import draw_case
+from benchmarks.newcomer.editions import EDITIONS
 from benchmarks.newcomer.folders import write_case
 from benchmarks.newcomer.planned import plan
 from benchmarks.sealed_cases import Generator, command
@@ -22,7 +24,11 @@ def write(task: Task, folder: Path, sealed: Path) -> list[Path]:
 
 
 NEWCOMER = Generator(
-    "benchmarks.newcomer", "seven further kinds of machines that share no formula with them", plan, write
+    "benchmarks.newcomer",
+    "seven further kinds of machines that share no formula with them",
+    plan,
+    write,
+    later=tuple(partial(plan, edition=n) for n in EDITIONS if n > 1),
 )
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from benchmarks.newcomer.catalogue import CONCEALED
+from benchmarks.newcomer.editions import OUTSIDE
 from benchmarks.newcomer.fair import acting, split
 from benchmarks.newcomer.machines import Machine
 from benchmarks.newcomer.noise import Noise, draw_noise
@@ -84,8 +85,8 @@ def assemble(
             np.clip(np.round((s + e + n) / step) * step, -most, most)
             for s, e, n in zip(sim[a], beside, noises[a].rows, strict=True)
         ]
-    needs = {str(e.shape.get("law", e.mechanism)) for e in effects}
-    facts = any(CONCEALED[n].facts for n in needs if n in CONCEALED) or "sensor_offset" in needs
+    needs, known = {task.what, *(str(e.shape.get("law", e.mechanism)) for e in effects)}, {**CONCEALED, **OUTSIDE}
+    facts = any(known[n].facts for n in needs if n in known) or "sensor_offset" in needs
     rich = facts or bool(rng.random() < 0.5)
     optional = ("nc_line", "tool_id", "coolant")
     columns = [name for name in optional if rich or rng.random() < 0.5]

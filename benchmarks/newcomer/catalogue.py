@@ -1,34 +1,14 @@
 """Every mechanism of the vocabulary that this generator can conceal: on which axes, with which law.
 
-In:  nothing. Out: `CONCEALED`, what each group of a plan may draw, and the facts that a mechanism needs.
+In:  nothing. Out: `CONCEALED`, and which of them each group of a plan may draw; what lies outside: `editions`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from benchmarks.newcomer import axes, process
-from benchmarks.newcomer.foreign import FOREIGN
-from benchmarks.newcomer.machines import Machine
-from benchmarks.newcomer.world import Maker
-from pido.core.axes import AXES, LINEAR_AXES
-
-
-@dataclass(frozen=True)
-class Concealed:
-    """on : linear, vertical, sp or any; facts : it needs part.json; both_ways : its sign may be either"""
-
-    law: Maker
-    on: str = "linear"
-    facts: bool = False
-    both_ways: bool = False
-
-    def axes(self, machine: Machine) -> tuple[str, ...]:
-        return {
-            "linear": LINEAR_AXES, "vertical": (machine.kind.vertical,), "sp": ("sp",), "any": AXES,
-        }[self.on]  # fmt: skip
-
+from benchmarks.newcomer.world import Concealed
 
 CONCEALED: Mapping[str, Concealed] = {
     "coulomb_friction": Concealed(axes.coulomb),
@@ -77,7 +57,6 @@ MENU: Mapping[str, tuple[str, ...]] = {
     "wrong coefficient": MISCALIBRATED,
     "data fault": FAULTS,
     "confined to a region": CONFINED,
-    "outside the vocabulary": tuple(FOREIGN),
     "confounded": TOGETHER,
     "clean": ("",),
 }

@@ -23,9 +23,9 @@ from benchmarks.newcomer.assembly import (
     sizes,
 )  # fmt: skip
 from benchmarks.newcomer.catalogue import CONCEALED
+from benchmarks.newcomer.editions import EDITIONS, OUTSIDE
 from benchmarks.newcomer.faults import MAKERS, thinned
-from benchmarks.newcomer.foreign import FOREIGN
-from benchmarks.newcomer.machines import KINDS, draw_machine
+from benchmarks.newcomer.machines import draw_machine
 from benchmarks.newcomer.noise import Noise
 from benchmarks.newcomer.parts import Length, Part, draw_parts
 from benchmarks.newcomer.world import Columns, Law, World, draw_terms, driver, simulate, terms_of
@@ -74,7 +74,8 @@ class _Scene:
 
 
 def _draw(task: Task, length: Length, rng: np.random.Generator) -> Case:
-    machine = draw_machine(KINDS[int(rng.integers(len(KINDS)))], rng)
+    kinds = EDITIONS[task.edition].kinds
+    machine = draw_machine(kinds[int(rng.integers(len(kinds)))], rng)
     straight = task.group == "confounded"
     parts = draw_parts(machine, length, straight, rng)
     require_fair(sum(float(np.abs(p.v).sum()) > 0 for p in parts) == len(parts), "a part stands still")
@@ -105,7 +106,7 @@ def _scaled(
     fair.require_seen(at_log)
     size, beside = sizes(at_log, scene.noises[axis])
     scale = scene.task.strength * beside / size
-    if name in CONCEALED and CONCEALED[name].both_ways:
+    if (CONCEALED.get(name) or OUTSIDE[name]).both_ways:
         scale *= float(scene.rng.choice([-1.0, 1.0]))
     if laws:
         effect = scale * np.concatenate(at_log)
@@ -244,9 +245,9 @@ def _box(space: dict[str, Float1D], rng: np.random.Generator) -> dict[str, tuple
 
 
 def _outside(scene: _Scene) -> Case:
-    machine = scene.world.machine
-    axis = "xyz"[int(scene.rng.choice(machine.kind.plane[:2]))]
-    law = FOREIGN[scene.task.what](scene.world, axis, scene.rng)
+    machine, outside = scene.world.machine, EDITIONS[scene.task.edition].outside[scene.task.what]
+    axis = str(scene.rng.choice(outside.axes(machine)))
+    law = outside.law(scene.world, axis, scene.rng)
     effect = _scaled(scene, axis, scene.task.what, law, as_kind=("unknown", "unexplained"))
     fair.require_foreign(np.concatenate(logged(machine, effect.columns)), scene.rivals(axis))
     return scene.case([effect])

@@ -11,30 +11,30 @@ import numpy as np
 from scipy.signal import lfilter
 
 from benchmarks.newcomer.axes import typical
-from benchmarks.newcomer.world import Law, Maker, World, direction, held, number, per_part, since_reversal
+from benchmarks.newcomer.world import Concealed, Law, World, direction, held, number, per_part, since_reversal
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES
 
 
-def _other(world: World, axis: str) -> int:
+def other_of(world: World, axis: str) -> int:
     """The other axis of the work plane; for an axis that is not in it, its first."""
     u, w, _ = world.machine.kind.plane
     return w if number(axis) == u else u
 
 
-def _centred(columns: list[Float1D]) -> list[Float1D]:
+def centred(columns: list[Float1D]) -> list[Float1D]:
     mean = float(np.concatenate(columns).mean())
     return [c - mean for c in columns]
 
 
 def product_of_speeds(world: World, axis: str, rng: np.random.Generator) -> Law:
-    i, j = number(axis), _other(world, axis)
+    i, j = number(axis), other_of(world, axis)
     return Law(per_part(world, lambda p: p.v[:, i] * p.v[:, j]))
 
 
 def ringing_frame(world: World, axis: str, rng: np.random.Generator) -> Law:
     """What is left of a weakly damped mass that another axis shakes, without its quasi-static share."""
-    j, dt = _other(world, axis), world.machine.dt
+    j, dt = other_of(world, axis), world.machine.dt
     w, zeta = 2 * np.pi * min(float(rng.uniform(1.5, 6)), world.machine.rate / 8), float(rng.uniform(0.03, 0.08))
     pole = np.exp((-zeta + 1j * np.sqrt(1 - zeta**2)) * w * dt)
     bottom = [1.0, -2 * pole.real, abs(pole) ** 2]
@@ -43,7 +43,7 @@ def ringing_frame(world: World, axis: str, rng: np.random.Generator) -> Law:
 
 def latched(world: World, axis: str, rng: np.random.Generator) -> Law:
     """A clamp that another axis sets when it passes one place and releases when it passes a second one."""
-    j = _other(world, axis)
+    j = other_of(world, axis)
     where = np.concatenate([p.pos[:, j] - p.centre[j] for p in world.parts])
     low, high = np.quantile(where, [rng.uniform(0.15, 0.35), rng.uniform(0.65, 0.85)])
 
@@ -63,13 +63,13 @@ def warm_winding(world: World, axis: str, rng: np.random.Generator) -> Law:
     """By the square of the axis' own current over the last seconds."""
     keep = float(np.exp(-world.machine.dt / rng.uniform(2.5, 9)))
     mean = float(np.mean(np.concatenate([i**2 for i in world.sim[axis]])))
-    return Law(_centred([lfilter([1 - keep], [1, -keep], i**2, zi=[keep * mean])[0] for i in world.sim[axis]]))
+    return Law(centred([lfilter([1 - keep], [1, -keep], i**2, zi=[keep * mean])[0] for i in world.sim[axis]]))
 
 
 def lifted_ground(world: World, axis: str, rng: np.random.Generator) -> Law:
     """The size of another drive's current, whichever way it flows."""
     other = str(rng.choice([a for a in AXES if a not in (axis, "sp", world.machine.kind.vertical)]))
-    return Law(_centred([np.abs(i) for i in world.sim[other]]))
+    return Law(centred([np.abs(i) for i in world.sim[other]]))
 
 
 def sagging_supply(world: World, axis: str, rng: np.random.Generator) -> Law:
@@ -124,9 +124,9 @@ def curved_way(world: World, axis: str, rng: np.random.Generator) -> Law:
 
 def twisted_bed(world: World, axis: str, rng: np.random.Generator) -> Law:
     """A force by where two axes stand together."""
-    i, j = number(axis), _other(world, axis)
+    i, j = number(axis), other_of(world, axis)
     middle = np.mean([p.pos.mean(axis=0) for p in world.parts], axis=0)
-    return Law(_centred(per_part(world, lambda p: (p.pos[:, i] - middle[i]) * (p.pos[:, j] - middle[j]))))
+    return Law(centred(per_part(world, lambda p: (p.pos[:, i] - middle[i]) * (p.pos[:, j] - middle[j]))))
 
 
 def slow_amplifier(world: World, axis: str, rng: np.random.Generator) -> Law:
@@ -158,8 +158,8 @@ def stray_turn(world: World, axis: str, rng: np.random.Generator) -> Law:
     return Law(per_part(world, lambda p: coil(p.v[:, i])))
 
 
-FOREIGN: Mapping[str, Maker] = {
-    f.__name__: f
+FOREIGN: Mapping[str, Concealed] = {
+    f.__name__: Concealed(f, "plane")
     for f in (
         product_of_speeds, ringing_frame, latched, loss_of_the_gear, warm_winding, lifted_ground, sagging_supply,
         shaken_guide, settled_film, crossover, curved_way, twisted_bed, slow_amplifier, stray_turn,

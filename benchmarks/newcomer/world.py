@@ -47,6 +47,22 @@ Maker = Callable[[World, str, np.random.Generator], Law]
 """(world, axis) -> law."""
 
 
+@dataclass(frozen=True)
+class Concealed:
+    """on : linear, vertical, plane, sp or any; facts : it needs part.json; both_ways : its sign may be either"""
+
+    law: Maker
+    on: str = "linear"
+    facts: bool = False
+    both_ways: bool = False
+
+    def axes(self, machine: Machine) -> tuple[str, ...]:
+        return {
+            "linear": LINEAR_AXES, "vertical": (machine.kind.vertical,), "sp": ("sp",), "any": AXES,
+            "plane": tuple(LINEAR_AXES[k] for k in machine.kind.plane[:2]),
+        }[self.on]  # fmt: skip
+
+
 def number(axis: str) -> int:
     return LINEAR_AXES.index(axis)
 

@@ -10,13 +10,13 @@ import pandas as pd
 import pytest
 
 from benchmarks.newcomer import fair
-from benchmarks.newcomer.catalogue import MENU
 from benchmarks.newcomer.draw import draw_case
+from benchmarks.newcomer.editions import EDITIONS
 from benchmarks.newcomer.fair import acting
 from benchmarks.newcomer.folders import write_case
 from benchmarks.newcomer.machines import KINDS, draw_machine
 from benchmarks.newcomer.parts import Length, draw_parts
-from benchmarks.newcomer.planned import SHARES, plan
+from benchmarks.newcomer.planned import plan
 from benchmarks.sealed_truth import Case, Task, UnfairError
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT, CURRENT_SIM
@@ -27,6 +27,7 @@ from tests.benchmarks.written_cases import (
     assert_two_have_the_same_bytes,
 )
 
+MENU, SHARES = EDITIONS[1].menu, EDITIONS[1].shares
 SMALL = Length(parts=(3, 3), seconds=(25.0, 40.0), rows=40_000, fine_rows=40_000)
 TASKS = (
     Task("single", "coulomb_friction", 0.5, 3),

@@ -1,0 +1,54 @@
+"""What differs from one edition of the cases to the next: machines, laws outside the vocabulary, shares of the groups.
+
+In:  nothing. Out: `EDITIONS` by number. All else is the same for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from benchmarks.newcomer.catalogue import MENU
+from benchmarks.newcomer.foreign import FOREIGN
+from benchmarks.newcomer.machines import KINDS, Kind
+from benchmarks.newcomer.world import Concealed
+
+
+@dataclass(frozen=True)
+class Edition:
+    """shares : cases of each group in a hand; strengths : of a group that has its own, rms of effect over rms of noise
+
+    textbook : whether all of the vocabulary together is held against what is to lie outside of it
+    """
+
+    kinds: tuple[Kind, ...]
+    outside: Mapping[str, Concealed]
+    shares: Mapping[str, int]
+    strengths: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    textbook: bool = False
+
+    @property
+    def menu(self) -> Mapping[str, tuple[str, ...]]:
+        """What each group of a plan may draw."""
+        return {**MENU, "outside the vocabulary": tuple(self.outside)}
+
+
+EDITIONS: Mapping[int, Edition] = {
+    1: Edition(
+        KINDS,
+        FOREIGN,
+        {
+            "single": 14,
+            "pair": 7,
+            "wrong coefficient": 4,
+            "data fault": 4,
+            "confined to a region": 8,
+            "outside the vocabulary": 8,
+            "confounded": 2,
+            "clean": 3,
+        },
+    ),
+}
+
+OUTSIDE: Mapping[str, Concealed] = {n: law for edition in EDITIONS.values() for n, law in edition.outside.items()}
+"""Of all editions."""
