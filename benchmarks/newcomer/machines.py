@@ -23,6 +23,8 @@ class Kind:
     rpm : of the spindle's work; rpm_s : run-up from 0 to the highest; amps : of an axis' friction, and the spindle's
     rates_hz : of the log; steps : converter steps per noise rms, lowest and highest; plane : the axes of the work plane
     and the infeed; pitch_mm : of screw, rack or magnets; screw : whether part.json would name a lead
+    gains : x, y, z, how many A an axis takes beside the others, –; slides : Coulomb friction in that of a slideway, –
+    lag_hz : lowest and highest; colours : how much of white, short and long noise, as weights; short_s : of the short
     """
 
     name: str
@@ -43,6 +45,11 @@ class Kind:
     tools_mm: tuple[float, ...]
     lag: float
     jobs: tuple[str, ...]
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    slides: float = 1.0
+    lag_hz: tuple[float, float] = (6.0, 30.0)
+    colours: tuple[float, float, float] = (4.0, 4.0, 1.0)
+    short_s: tuple[float, float] = (0.008, 0.12)
 
 
 KINDS = (
@@ -120,7 +127,7 @@ def draw_machine(kind: Kind, rng: np.random.Generator) -> Machine:
         )
         for k, d in sizes
     }
-    drawn_lag = (float(rng.uniform(6, 30)), float(rng.uniform(0.7, 1.1)))
+    drawn_lag = (float(rng.uniform(*kind.lag_hz)), float(rng.uniform(0.7, 1.1)))
     return Machine(
         kind=kind,
         travel=np.array(kind.travel_mm, float) * [_near(rng, 0.1) for _ in range(3)],
@@ -136,7 +143,8 @@ def draw_machine(kind: Kind, rng: np.random.Generator) -> Machine:
         count_mm=float(rng.choice([0.0, 1e-4, 1e-3])) if rate <= 100 else 0.0,
         cutters=cutters,
         specific_n_mm2=float(rng.choice([700.0, 1100.0, 1900.0])) * _near(rng),
-        amps={a: kind.amps[0] * _near(rng) for a in LINEAR_AXES} | {"sp": kind.amps[1] * _near(rng)},
+        amps={a: g * kind.amps[0] * _near(rng) for a, g in zip(LINEAR_AXES, kind.gains, strict=True)}
+        | {"sp": kind.amps[1] * _near(rng)},
         noise_share=float(np.exp(rng.uniform(np.log(0.02), np.log(0.12)))),
     )
 

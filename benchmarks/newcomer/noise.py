@@ -30,8 +30,8 @@ class Noise(NoiseRows):
 def draw_noise(parts: Sequence[Part], axis: str, size: float, rng: np.random.Generator) -> Noise:
     """size : A, rms of an axis that rests"""
     machine = parts[0].machine
-    tau, slow_tau = float(np.exp(rng.uniform(np.log(0.008), np.log(0.12)))), float(rng.uniform(0.3, 1.2))
-    shares = rng.dirichlet([4.0, 4.0, 1.0])  # white, short, long
+    tau, slow_tau = float(np.exp(rng.uniform(*np.log(machine.kind.short_s)))), float(rng.uniform(0.3, 1.2))
+    shares = rng.dirichlet(machine.kind.colours)  # white, short, long
     moves, cuts = float(rng.uniform(0, 0.8)), float(rng.uniform(0.1, 1.2))
     rows = [_state(p, axis, moves, cuts) * size * _coloured(len(p.t), machine.rate, (tau, slow_tau), shares, rng)
             for p in parts]  # fmt: skip

@@ -14,7 +14,8 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from benchmarks.newcomer.cutting import Cut, drill, mill
 from benchmarks.newcomer.interpolator import Motion, interpolate
 from benchmarks.newcomer.machines import Machine
-from benchmarks.newcomer.toolpaths import Operation, Path, draw_path
+from benchmarks.newcomer.programs import draw_path
+from benchmarks.newcomer.toolpaths import Operation, Path
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 
 

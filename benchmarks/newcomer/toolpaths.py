@@ -1,7 +1,7 @@
 """Toolpaths in a workpiece's own frame: points in the work plane and along the infeed, each with a feed.
 
-In:  a machine, the size of a workpiece, a random generator. Out: a `Path`: straight steps, each of one operation.
-The frame: two directions of the work plane from the workpiece's middle, the third up from its top, mm.
+In:  a path so far, the size of a workpiece, a machine, a random generator. Out: the path has the steps of one kind of
+work more. The frame: two directions of the work plane from the workpiece's middle, the third up from its top, mm.
 """
 
 from __future__ import annotations
@@ -13,6 +13,9 @@ import numpy as np
 
 from benchmarks.newcomer.machines import Machine
 from pido.core.arrays import Float1D, Float2D
+
+Job = Callable[["Path", Float1D, Machine, np.random.Generator], None]
+"""Adds its steps to a path, on a workpiece of a size."""
 
 SAFE = 0.06
 """Height of links above the workpiece, in its size."""
@@ -66,49 +69,7 @@ class Path:
         return float(np.sum(steps / np.array(self.feeds)) + sum(self.rests))
 
 
-def draw_path(machine: Machine, size: Float1D, seconds: float, straight: bool, rng: np.random.Generator) -> Path:
-    """Operations of the machine's kind until the time is filled. size : (2,), mm; straight : all along one line"""
-    path = Path([np.array([0.0, 0.0, SAFE * float(size.max())])])
-    jobs = ["lines"] if straight else list(rng.permutation(machine.kind.jobs))
-    k = 0
-    while not path.feeds or path.seconds() < seconds:
-        name = jobs[k % len(jobs)]
-        path.operations.append(_operation(machine, name, straight, rng))
-        first = len(path.rests)
-        JOBS[name](path, size, machine, rng)
-        if len(path.rests) > first:
-            path.rests[first] += float(rng.uniform(0.5, 1.5)) + 0.6 * machine.kind.run_up_s
-        k += 1
-    return path
-
-
-def _operation(machine: Machine, name: str, straight: bool, rng: np.random.Generator) -> Operation:
-    """Cutting data of one operation: feed, speed and depths of a kind of work."""
-    kind = machine.kind
-    low, high = kind.feeds_mm_s
-    cutter = int(rng.choice(list(machine.cutters)))
-    d = machine.cutters[cutter].diameter_mm
-    feed = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-    rpm = float(np.exp(rng.uniform(*np.log(kind.rpm))))
-    a_p = d * float(rng.uniform(0.04, 0.25))
-    a_e = d * float(rng.uniform(0.15, 0.95))
-    if name == "engrave":
-        feed, a_p, a_e = max(0.5 * low, 0.3 * feed), 0.03 * d, 0.3 * d
-    if name == "drill":
-        feed, a_e = max(0.4 * low, 0.15 * feed), min(d, 12.0)
-    if name == "creep":
-        feed = low * float(rng.uniform(0.05, 0.4))
-    feed = min(feed, 0.4 * float(machine.v_max.min()))
-    if name not in ("creep", "air"):  # a tooth takes no more than a quarter of a millimetre
-        per_tooth = 0.25 * machine.cutters[cutter].teeth / 60
-        rpm = float(np.clip(feed / per_tooth, rpm, kind.rpm[1]))
-        feed = min(feed, per_tooth * rpm)
-    coolant = bool(rng.random() < 0.5)
-    return Operation(cutter, round(feed, 3), round(rpm), round(a_p, 3), round(a_e, 3), coolant, name == "drill",
-                     bool(rng.random() < 0.6))  # fmt: skip
-
-
-def _go(path: Path, plane: object, size: Float1D, machine: Machine) -> None:
+def go(path: Path, plane: object, size: Float1D, machine: Machine) -> None:
     """Up to the safe height and over to a point of the plane, in rapid."""
     rapid, high = 0.9 * float(machine.v_max.min()), SAFE * float(size.max())
     here = path.points[-1]
@@ -116,17 +77,17 @@ def _go(path: Path, plane: object, size: Float1D, machine: Machine) -> None:
     path.to([*np.asarray(plane, float)[:2], high], rapid)
 
 
-def _down(path: Path, w: float, feed: float) -> None:
+def down(path: Path, w: float, feed: float) -> None:
     here = path.points[-1]
     path.to([here[0], here[1], w], max(feed * 0.5, 0.05))
 
 
-def _turned(points: Float2D, angle: float) -> Float2D:
+def turned(points: Float2D, angle: float) -> Float2D:
     c, s = np.cos(angle), np.sin(angle)
     return points @ np.array([[c, s], [-s, c]])
 
 
-def _flat(points: Float2D, w: float) -> Float2D:
+def flat(points: Float2D, w: float) -> Float2D:
     return np.column_stack([points, np.full(len(points), w)])
 
 
@@ -138,10 +99,10 @@ def _face(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator)
     one_way = rng.random() < 0.4
     for k in range(int(rng.integers(4, 8))):
         ends = np.array([[-0.55 * long, (k - 3) * step], [0.55 * long, (k - 3) * step]])
-        ends = _turned(ends if one_way or k % 2 == 0 else ends[::-1], angle)
+        ends = turned(ends if one_way or k % 2 == 0 else ends[::-1], angle)
         if k == 0 or one_way:
-            _go(path, ends[0], size, machine)
-            _down(path, -op.a_p, op.feed_mm_s)
+            go(path, ends[0], size, machine)
+            down(path, -op.a_p, op.feed_mm_s)
         path.to([*ends[0], -op.a_p], op.feed_mm_s)
         path.to([*ends[1], -op.a_p], op.feed_mm_s, cut=True)
 
@@ -151,13 +112,13 @@ def _pocket(path: Path, size: Float1D, machine: Machine, rng: np.random.Generato
     op = path.operations[-1]
     centre, half = rng.uniform(-0.2, 0.2, 2) * size, rng.uniform(0.15, 0.28, 2) * size
     angle = float(rng.choice([0.0, rng.uniform(0, np.pi)]))
-    _go(path, centre, size, machine)
-    _down(path, -op.a_p, op.feed_mm_s)
+    go(path, centre, size, machine)
+    down(path, -op.a_p, op.feed_mm_s)
     phi = np.linspace(0, 2 * np.pi, 72)
     for share in np.linspace(0.25, 1.0, int(rng.integers(3, 6))):
         around = np.column_stack([np.cos(phi), np.sin(phi)])
         rounded = np.sign(around) * np.abs(around) ** 0.35
-        path.follow(_flat(centre + _turned(share * half * rounded, angle), -op.a_p), op.feed_mm_s)
+        path.follow(flat(centre + turned(share * half * rounded, angle), -op.a_p), op.feed_mm_s)
 
 
 def _contour(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator) -> None:
@@ -167,10 +128,10 @@ def _contour(path: Path, size: Float1D, machine: Machine, rng: np.random.Generat
     phi = np.linspace(0, 2 * np.pi, 160) * (1 if op.down else -1) + float(rng.uniform(0, 6))
     r = 0.4 * float(size.min()) * (1 + depth * np.cos(lobes * phi)) / (1 + depth)
     outline = np.column_stack([r * np.cos(phi), r * np.sin(phi) * size[1] / size.max()])
-    _go(path, outline[0], size, machine)
+    go(path, outline[0], size, machine)
     for k in range(int(rng.integers(1, 3))):
-        _down(path, -(k + 1) * op.a_p, op.feed_mm_s)
-        path.follow(_flat(outline, -(k + 1) * op.a_p), op.feed_mm_s)
+        down(path, -(k + 1) * op.a_p, op.feed_mm_s)
+        path.follow(flat(outline, -(k + 1) * op.a_p), op.feed_mm_s)
 
 
 def _air(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator) -> None:
@@ -187,7 +148,7 @@ def _drill(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator
     n = int(rng.integers(2, 4))
     for u in np.linspace(-0.35, 0.35, n):
         for v in np.linspace(-0.3, 0.3, 2):
-            _go(path, [u * size[0], v * size[1]], size, machine)
+            go(path, [u * size[0], v * size[1]], size, machine)
             here = path.points[-1][:2]
             path.to([*here, 0.3], 0.5 * float(machine.v_max.min()))
             pecks = int(rng.integers(1, 4))
@@ -205,15 +166,15 @@ def _engrave(path: Path, size: Float1D, machine: Machine, rng: np.random.Generat
         start, bend = rng.uniform(-0.35, 0.35, 2) * size, float(rng.uniform(-4, 4))
         heading = rng.uniform(0, 2 * np.pi) + bend * np.linspace(0, 1, 30)
         stroke = start + long / 30 * np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
-        _go(path, stroke[0], size, machine)
-        _down(path, -op.a_p, op.feed_mm_s)
-        path.follow(_flat(stroke, -op.a_p), op.feed_mm_s)
+        go(path, stroke[0], size, machine)
+        down(path, -op.a_p, op.feed_mm_s)
+        path.follow(flat(stroke, -op.a_p), op.feed_mm_s)
 
 
 def _creep(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator) -> None:
     """Axis after axis forth and back, slow and slower, with rests: what setting up and probing looks like."""
     op = path.operations[-1]
-    _go(path, rng.uniform(-0.3, 0.3, 2) * size, size, machine)
+    go(path, rng.uniform(-0.3, 0.3, 2) * size, size, machine)
     here = path.points[-1].copy()
     for axis in rng.permutation(3):
         for _ in range(int(rng.integers(1, 4))):
@@ -232,11 +193,11 @@ def _freeform(path: Path, size: Float1D, machine: Machine, rng: np.random.Genera
     u = np.linspace(-0.4, 0.4, 60)
     for k, v in enumerate(np.linspace(-0.25, 0.25, int(rng.integers(4, 7)))):
         w = -op.a_p - high * (1 + np.sin(2 * np.pi * waves[0] * u) * np.cos(2 * np.pi * waves[1] * v))
-        line = np.column_stack([_turned(np.column_stack([u, np.full(60, v)]) * size.min(), angle), w])
+        line = np.column_stack([turned(np.column_stack([u, np.full(60, v)]) * size.min(), angle), w])
         line = line if k % 2 == 0 else line[::-1]
         if k == 0:
-            _go(path, line[0], size, machine)
-            _down(path, float(line[0, 2]), op.feed_mm_s)
+            go(path, line[0], size, machine)
+            down(path, float(line[0, 2]), op.feed_mm_s)
         path.follow(line, op.feed_mm_s)
 
 
@@ -246,12 +207,12 @@ def _lines(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator
     for k in range(int(rng.integers(3, 6))):
         along = rng.uniform(0.15, 0.45) * (1 if k % 2 == 0 else -1)
         path.to([along * size[0], along * size[1], high], op.feed_mm_s * 2, rest=float(rng.choice([0.0, 0.3])))
-        _down(path, -op.a_p, op.feed_mm_s)
+        down(path, -op.a_p, op.feed_mm_s)
         path.to([-0.8 * along * size[0], -0.8 * along * size[1], -op.a_p], op.feed_mm_s, cut=True)
         path.to([-0.8 * along * size[0], -0.8 * along * size[1], high], op.feed_mm_s * 3)
 
 
-JOBS: Mapping[str, Callable[[Path, Float1D, Machine, np.random.Generator], None]] = {
+JOBS: Mapping[str, Job] = {
     "face": _face, "pocket": _pocket, "contour": _contour, "air": _air, "drill": _drill, "engrave": _engrave,
     "creep": _creep, "freeform": _freeform, "lines": _lines,
 }  # fmt: skip

@@ -148,7 +148,8 @@ def draw_terms(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, dic
             large = float(np.percentile(size[size > 0], 95)) if (size > 0).any() else 1.0
             sign = machine.force_sign if name == "cutting_force" else 1.0
             sign = float(rng.choice([-1.0, 1.0])) if name == "gravity_load" else sign
-            terms[axis][name] = sign * machine.amps[axis] * float(rng.uniform(*SHARES[name])) / large
+            part_of = machine.kind.slides if name == "coulomb_friction" else 1.0
+            terms[axis][name] = part_of * sign * machine.amps[axis] * float(rng.uniform(*SHARES[name])) / large
     return terms
 
 
