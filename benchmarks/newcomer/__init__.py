@@ -1,9 +1,10 @@
-"""Seven kinds of machines by somebody who has seen neither the formulas of `pido.diagnosis` nor those of other cases.
+"""Kinds of machines by somebody who has seen neither the formulas of `pido.diagnosis` nor those of other cases.
 
     python -m benchmarks.newcomer --cases 50 --seed 1 --workers 2 --out out/newcomer
 
-`machines` draws one, `toolpaths` and `interpolator` move it, `cutting` and `parts` say what happens on it; `world` is
-what a simulation says of that; `axes`, `process` and `foreign` are what it conceals (`catalogue`), `faults` what is
-wrong with data; `noise` and `assembly` make the currents, `fair` says which draws can be decided; `planned` says what
-to draw, `draw` draws it, `folders` writes it. The examination is `benchmarks.sealed_cases`.
+`machines` draws one, `toolpaths`, `programs` and `interpolator` move it, `cutting` and `parts` say what happens on it;
+`world` is what a simulation says of that; `axes`, `process` and `foreign` are what it conceals (`catalogue`), `faults`
+what is wrong with data; `noise` and `assembly` make the currents, `fair` says which draws can be decided; `planned`
+says what to draw, `draw` draws it, `folders` writes it. There are seven kinds, and in a `second` edition eight others:
+`editions` says what differs. The examination is `benchmarks.sealed_cases`.
 """

@@ -3,6 +3,7 @@
 python -m benchmarks.newcomer --cases 50 --seed 1 --workers 2 --out out/newcomer
 python -m benchmarks.newcomer --cases 50 --seed 1 --from 10 --to 20 --out out/newcomer   some of the same cases
 python -m benchmarks.newcomer --cases 50 --seed 1 --draw out/drawn                       only the cases
+python -m benchmarks.newcomer --edition 2 --cases 51 --seed 1 --group outside            further machines, one group
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def write(task: Task, folder: Path, sealed: Path) -> list[Path]:
 
 NEWCOMER = Generator(
     "benchmarks.newcomer",
-    "seven further kinds of machines that share no formula with them",
+    "fifteen further kinds of machines, in two editions, that share no formula with them",
     plan,
     write,
     later=tuple(partial(plan, edition=n) for n in EDITIONS if n > 1),

@@ -28,6 +28,7 @@ from benchmarks.newcomer.faults import MAKERS, thinned
 from benchmarks.newcomer.machines import draw_machine
 from benchmarks.newcomer.noise import Noise
 from benchmarks.newcomer.parts import Length, Part, draw_parts
+from benchmarks.newcomer.second.textbook import require_beyond, textbook
 from benchmarks.newcomer.world import Columns, Law, World, draw_terms, driver, simulate, terms_of
 from benchmarks.sealed_truth import Effect, Task, UnfairError, require_fair
 from pido.core.arrays import Float1D, Float2D
@@ -249,7 +250,10 @@ def _outside(scene: _Scene) -> Case:
     axis = str(scene.rng.choice(outside.axes(machine)))
     law = outside.law(scene.world, axis, scene.rng)
     effect = _scaled(scene, axis, scene.task.what, law, as_kind=("unknown", "unexplained"))
-    fair.require_foreign(np.concatenate(logged(machine, effect.columns)), scene.rivals(axis))
+    at_log = np.concatenate(logged(machine, effect.columns))
+    fair.require_foreign(at_log, scene.rivals(axis))
+    if EDITIONS[scene.task.edition].textbook:
+        require_beyond(at_log, textbook(scene.parts, {axis: logged(machine, scene.world.sim[axis])}, axis))
     return scene.case([effect])
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from benchmarks.newcomer.catalogue import MENU
 from benchmarks.newcomer.foreign import FOREIGN
 from benchmarks.newcomer.machines import KINDS, Kind
+from benchmarks.newcomer.second import machines
+from benchmarks.newcomer.second.laws import LAWS
 from benchmarks.newcomer.world import Concealed
 
 
@@ -47,6 +49,22 @@ EDITIONS: Mapping[int, Edition] = {
             "confounded": 2,
             "clean": 3,
         },
+    ),
+    2: Edition(
+        machines.KINDS,
+        LAWS,
+        {
+            "single": 9,
+            "pair": 5,
+            "wrong coefficient": 3,
+            "data fault": 3,
+            "confined to a region": 10,
+            "outside the vocabulary": 17,
+            "confounded": 2,
+            "clean": 2,
+        },
+        {"outside the vocabulary": (1.2, 2.0, 3.0, 5.0)},
+        textbook=True,
     ),
 }
 
