@@ -118,6 +118,7 @@ def _around(
 def _neighbour(scaled: Float2D, a: Int1D, rows: Int1D, rng: np.random.Generator) -> tuple[Int1D, Bool1D]:
     """One of the nearest `rows` of each of `a`, and whether it is near: half the usual distance of neighbours."""
     pool = rows if len(rows) <= _POOL else rng.choice(rows, _POOL, replace=False)
-    distance, found = map(np.asarray, KDTree(scaled[pool]).query(scaled[a], k=_NEIGHBOURS + 1))
+    asked, again = np.unique(a, return_inverse=True)  # a row is an anchor several times
+    distance, found = (np.asarray(v)[again] for v in KDTree(scaled[pool]).query(scaled[asked], k=_NEIGHBOURS + 1))
     pick, at = rng.integers(1, _NEIGHBOURS + 1, len(a)), np.arange(len(a))
     return pool[found[at, pick]], distance[at, pick] <= 0.5 * np.median(distance[:, 1:], axis=1)
