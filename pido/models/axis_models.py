@@ -28,6 +28,7 @@ from pido.models.inputs import NAMES, InputKind, model_inputs
 
 log = logging.getLogger(__name__)
 _WORTH_THREADS = 20_000  # rows; for fewer, threads cost more than they bring
+_PLAYED = 64  # small models that are kept while an arrival is played: of the first plays until all are done
 
 
 class Trained:
@@ -162,11 +163,15 @@ def digest(model: Any) -> str:
 
 
 def quick_trainer(inputs: InputKind = "extended", seed: int = 0, trees: int = 10) -> Callable[..., Any]:
-    """A way to train a small model from samples and weights (n, 4), for `pido.sampling.method.adapt`."""
+    """A way to train a small model from samples and weights (n, 4), for `pido.sampling.method.adapt`.
+
+    Plays of an arrival train some of their models twice: what was trained of late is kept.
+    """
     small: dict[str, EstimatorFactory] = {a: lambda s: extra_trees(s).set_params(n_estimators=trees) for a in AXES}
+    trained = Trained(_PLAYED)
 
     def train(samples: Samples, weights: Float2D) -> Callable[[Samples], Float2D]:
-        return AxisModels.fit(samples, weights, choice=small, inputs=inputs, seed=seed).predict
+        return AxisModels.fit(samples, weights, choice=small, inputs=inputs, seed=seed, trained=trained).predict
 
     return train
 

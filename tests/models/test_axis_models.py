@@ -5,7 +5,7 @@ import pytest
 
 from pido.core.errors import FitError, RegistryError
 from pido.core.samples import Samples
-from pido.models.axis_models import AxisModels, Trained, digest, held_out_errors
+from pido.models.axis_models import AxisModels, Trained, digest, held_out_errors, quick_trainer
 from pido.models.estimators import ESTIMATORS
 from pido.models.metrics import axis_metrics, metrics
 from pido.models.promotion import gate
@@ -169,3 +169,11 @@ def test_an_axis_whose_current_is_always_zero_is_neither_better_nor_worse():
     assert "z +0.0%" in flat.words
     assert gate(errors(z=[1e-15] * 5), errors(z=[0.0] * 5)).passed
     assert not gate(errors(z=[0.1] * 5), errors(z=[0.0] * 5)).passed
+
+
+def test_a_quick_trainer_says_of_the_same_rows_the_same_again():
+    real, weights, train = rows(200, 1), np.ones((200, 4)), quick_trainer(trees=3)
+    first, other = train(real, weights), train(rows(200, 3), weights)
+    np.testing.assert_array_equal(train(real, weights)(rows(50, 2)), first(rows(50, 2)))
+    np.testing.assert_array_equal(quick_trainer(trees=3)(real, weights)(rows(50, 2)), first(rows(50, 2)))
+    assert np.any(other(rows(50, 2)) != first(rows(50, 2)))
