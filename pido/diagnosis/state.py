@@ -49,6 +49,7 @@ class AxisState:
     held : sign of the last real motion, 0 while unknown; moving : |v| above the dead band
     since_reversal : mm (deg) travelled, and since_reversal_s : s passed, since the last reversal; inf before the first
     segment : number of reversals so far
+    way : mm (deg) travelled since the part began
     force, force_perp : N, process force along the axis and across it; forces : N, along every axis that has one
     m_sp : N·m; mrr : mm³/s; ar : mm²
     engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it; end_length : mm, the
@@ -75,6 +76,7 @@ class AxisState:
     since_reversal: Float1D
     since_reversal_s: Float1D
     segment: Float1D
+    way: Float1D | None = None
     others: Mapping[str, Motion] = field(default_factory=dict)
     force: Float1D | None = None
     forces: Mapping[str, Float1D] = field(default_factory=dict)
@@ -172,11 +174,12 @@ def _state(
     usable = np.isfinite(own.v) & np.isfinite(own.a) & ~beyond_load(recording)
     if own.wrong is not None:
         usable &= ~own.wrong
+    dt = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     return AxisState(
         axis=axis,
         part=info.part,
         time=time,
-        dt=float(np.median(np.diff(time))) if len(time) > 1 else 0.0,
+        dt=dt,
         pos=pos,
         v=own.v,
         a=own.a,
@@ -185,6 +188,7 @@ def _state(
         since_reversal=since,
         since_reversal_s=since_s,
         segment=segment,
+        way=np.cumsum(np.where(own.moving, np.abs(own.v), 0.0)) * dt,
         others=motions,
         force=forces.get(axis),
         forces=forces,

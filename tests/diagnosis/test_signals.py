@@ -61,6 +61,16 @@ def test_time_since_the_start_rest_before_it_and_way():
     assert known["way_x"][0][-1] == pytest.approx(5.0)
 
 
+def test_thinned_rows_know_the_same_way_and_jerk_as_all_rows():
+    t = np.arange(2000) * 0.01
+    state = state_of(v_x=20.0 * np.sin(t), a_x=20.0 * np.cos(t))
+    stride = 5
+    (thin,) = lay_out([state], [np.zeros(len(t))], stride=stride).states
+    known, whole = signals(thin, ["way_x", "j_x"]), signals(state, ["way_x"])
+    np.testing.assert_allclose(known["way_x"][0], whole["way_x"][0][stride // 2 :: stride])
+    np.testing.assert_allclose(known["j_x"][0][1:-1], -20.0 * np.sin(thin.time)[1:-1], atol=0.02)
+
+
 def test_a_supply_is_loaded_by_all_axes_together():
     load = {f"curr_{a}_sim": np.full(50, i) for a, i in zip("xyz", (1.0, -2.0, 0.5), strict=True)}
     state = state_of(v_x=np.ones(50), **load)
