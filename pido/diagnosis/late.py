@@ -151,6 +151,8 @@ class Modulated(Late):
     Source: first-order thermal model of the winding, of the guideway.
 
     beside : in proportion to the late cause by itself as well: dI = (k_0 + k * p(u)) * (q(w) / (1 + tau s))
+    level : the cause counts from a level of its own, as what a simulation knows at its usual temperature does:
+        dI = p(u) * (k_0 + k * q(w) / (1 + tau s))
     """
 
     signal: str  # u
@@ -159,6 +161,7 @@ class Modulated(Late):
     loss: str  # q
     unit: str  # of p(u) * q(w)
     beside: str = ""  # unit of q(w)
+    level: str = ""  # unit of p(u)
 
     @property
     def driver(self) -> tuple[str, str]:
@@ -170,17 +173,20 @@ class Modulated(Late):
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        k = Parameter("k", ampere_per(self.unit))
-        return (k, Parameter("k_0", ampere_per(self.beside))) if self.beside else (k,)
+        other = self.beside or self.level
+        return Parameter("k", ampere_per(self.unit)), *([Parameter("k_0", ampere_per(other))] if other else [])
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        k = f"k * {written(self.signal, self.form)}"
-        return f"dI = {f'(k_0 + {k})' if self.beside else k} * ({written(self.cause, self.loss)} / (1 + tau s))"
+        own, late = written(self.signal, self.form), f"{written(self.cause, self.loss)} / (1 + tau s)"
+        if self.level:
+            return f"dI = {own} * (k_0 + k * {late})"
+        return f"dI = {f'(k_0 + k * {own})' if self.beside else f'k * {own}'} * ({late})"
 
     def over(self, known: Known, late: Float1D) -> Float2D:
-        own = FORMS[self.form](known[self.signal]) * late
-        return np.column_stack([own, late]) if self.beside else own[:, None]
+        steady = FORMS[self.form](known[self.signal])
+        other = [late] if self.beside else [steady] if self.level else []
+        return np.column_stack([steady * late, *other])
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         u, tau = written(self.signal, self.form), f"{shape['tau']:.3g} s"
@@ -234,10 +240,12 @@ def _modulated(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[
     causes = [*_causes(known, axis), *([(f"v_{axis}", "u²")] if f"v_{axis}" in known else [])]
     carriers = [(f"v_{axis}", "u"), (f"v_{axis}", "sgn u"), (f"v_{axis}", "|u|"), (f"I_{axis}", "u")]
     for (name, form), (cause, loss) in itertools.product([c for c in carriers if c[0] in known], causes):
-        unit, own = known[name][1], known[cause][1]
-        both = unit_of([(unit, form), (own, loss)])
+        of_own, of_cause = (known[name][1], form), (known[cause][1], loss)
+        both = unit_of([of_own, of_cause])
         yield Modulated(name, form, cause, loss, both)
-        yield Modulated(name, form, cause, loss, both, beside=unit_of([(own, loss)]))
+        yield Modulated(name, form, cause, loss, both, beside=unit_of([of_cause]))
+        if name == f"v_{axis}" and form != "|u|":  # a friction
+            yield Modulated(name, form, cause, loss, both, level=unit_of([of_own]))
 
 
 def _causes(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple[str, str]]:

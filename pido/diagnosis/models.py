@@ -222,8 +222,9 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut, "level": level}
         case Fading(signal=signal, form=form, unit=unit, in_motion=in_motion):
             own |= {"fades": signal, "form": form, "unit": unit, "in_motion": in_motion}
-        case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside):
-            own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit, "beside": beside}
+        case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside, level=level):
+            own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit}
+            own |= {"beside": beside, "level": level}
         case Rested(axis=axis, unit=unit):
             own |= {"rested": axis, "unit": unit}
         case Surface(variables=variables, knots=knots, split=split):
@@ -286,7 +287,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "fades" in own:
         return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), bool(own["in_motion"]))
     if "modulates" in own:
-        return Modulated(*(str(own[n]) for n in ("modulates", "form", "cause", "loss", "unit", "beside")))
+        said = (str(own[n]) for n in ("modulates", "form", "cause", "loss", "unit", "beside"))
+        return Modulated(*said, str(own.get("level", "")))
     if "rested" in own:
         return Rested(str(own["rested"]), str(own["unit"]))
     if "heats" in own:  # a model of before

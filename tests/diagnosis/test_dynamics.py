@@ -98,6 +98,7 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
         Term(Lagged("v_x", "|u|", "mm/s", by_cut=True), (("tau", 0.8),)),
         Term(Fading("v_x", "u", "mm/s", in_motion=True), (("tau", 0.8),)),
         Term(Modulated("v_x", "|u|", "v_y", "u", "(mm/s)·(mm/s)", beside="(mm/s)"), (("tau", 0.8),)),
+        Term(Modulated("v_x", "u", "v_x", "u²", "(mm/s)·(mm/s)^2", level="(mm/s)"), (("tau", 0.8),)),
         Term(Wave("v_x", "mm/s", "", "–"), (("L", 3.0),)),
         Term(Rested("x", "s"), (("tau", 2.0), ("L", 0.7))),
     ],
@@ -124,6 +125,17 @@ def test_models_of_before_are_read(own, law):
     data = as_json({"x": AxisModel("x", NOISE, (Term(Lagged("v_x", "u", "mm/s"), (("tau", 1.0),)),), (np.ones(1),))})
     data["axes"]["x"]["terms"][0]["mechanism"] = {"id": "unknown", **own}
     assert axis_models(data)["x"].terms[0].mechanism == law
+
+
+def test_a_friction_that_its_heat_changes_from_a_level_of_its_own_is_one_law():
+    tau, level = 4.0, 12.0  # s, mm²/s²
+
+    def law(state):
+        return state.v * (signal.lsim(([1], [tau, 1]), state.v**2, state.time)[1] - level)
+
+    term = found_in(law)
+    assert term.mechanism == Modulated("v_x", "u", "v_x", "u²", "(mm/s)·(mm/s)^2", level="(mm/s)")
+    assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.15)
 
 
 def test_a_torque_constant_that_falls_as_the_winding_warms_is_one_law_and_no_gain():
