@@ -180,7 +180,7 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
     friction that turns over a small way is Coulomb's all the same: where all of it is too large or too small, it is
     that number that is wrong.
     """
-    terms = _sensor_or_weight(library, noise, terms, inside)
+    terms = sensor_or_weight(library, noise, terms, inside)
     joint = fit(library.mismatch, noise, terms)
     coulomb = "miscalibrated:coulomb_friction"
     out = []
@@ -202,20 +202,24 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
     return out
 
 
-def _sensor_or_weight(
+def sensor_or_weight(
     library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]
 ) -> list[Term]:
-    """`terms`, with a constant on an axis whose weight is simulated named by its size: the two fit equally well."""
-    weight = inside.get("gravity_load")
-    names = ("sensor_offset", "miscalibrated:gravity_load")
+    """`terms`, with a constant on a vertical axis named by its size beside the simulated weight: the two fit equally
+    well. Where no weight is simulated it is the weight, for an axis has one."""
+    weight, own = inside.get("gravity_load"), next((t for t in library.terms if t.mechanism.id == "gravity_load"), None)
+    sensor = next((t for t in library.terms if t.name == "sensor_offset"), None)
+    if own is None or sensor is None:
+        return list(terms)
+    names = (sensor.name, own.name)
     which = [i for i, t in enumerate(terms) if t.name in names and not (t.gates or dict(t.shape).get("by_tool"))]
-    sensor = next((t for t in library.terms if t.name == names[0]), None)
-    if weight is None or sensor is None or len(which) != 1:
+    if len(which) != 1:
         return list(terms)
     (i,) = which
     size = float(np.abs(fit(library.mismatch, noise, terms).amplitudes[i][0]))
-    constant = replace(weight.term, shape=(("by_tool", 0.0),), name=names[1])
-    return [*terms[:i], sensor if size < _ZERO * weight.size else constant, *terms[i + 1 :]]
+    constant = replace(own, shape=(("by_tool", 0.0),))
+    zero = weight is not None and size < _ZERO * weight.size
+    return [*terms[:i], sensor if zero else constant, *terms[i + 1 :]]
 
 
 def _of_another_quantity(term: Term, own: Term) -> bool:

@@ -7,14 +7,15 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.library import Library
 from pido.diagnosis.mismatch import lay_out
-from pido.diagnosis.search import first_look, search
+from pido.diagnosis.search import first_look, search, sensor_or_weight
 from pido.diagnosis.state import axis_states
 
 NOISE, WEIGHT = 0.02, 4.0
 
 
-def recordings(count=3, rows=1500):
+def recordings(count=3, rows=1500, weight=WEIGHT):
     """A vertical axis goes up and down with two tools, and stands; the simulation has its weight and its friction."""
     for k in range(count):
         rng = np.random.default_rng(k)
@@ -27,7 +28,7 @@ def recordings(count=3, rows=1500):
         }  # fmt: skip
         columns = {
             "time": t, "pos_z": np.cumsum(v) * 0.02, "v_z": v, "a_z": np.gradient(v, t),
-            "curr_z_sim": WEIGHT + 0.5 * np.sign(v) + 0.02 * v + 0.004 * np.gradient(v, t),
+            "curr_z_sim": weight + 0.5 * np.sign(v) + 0.02 * v + 0.004 * np.gradient(v, t),
         }  # fmt: skip
         yield Recording(PartInfo.model_validate(about), columns)
 
@@ -59,3 +60,16 @@ def test_what_changes_a_little_with_the_tool_beside_a_large_constant_is_not_the_
     look = first_look(mismatch, rng)
     assert dict(look.inside["gravity_load"].term.shape) == {"by_tool": 0.0}
     assert [t.name for t in search(look, 1, False, rng).terms] == ["gravity_load"]
+
+
+@pytest.mark.parametrize("chosen", ["sensor_offset", "gravity_load"])
+def test_a_constant_on_a_vertical_axis_without_a_simulated_weight_is_the_weight_whichever_was_chosen(chosen):
+    states = axis_states(list(recordings(weight=0.0)), "z")
+    rng = np.random.default_rng(7)
+    mismatch = lay_out(states, [0.1 * WEIGHT + rng.normal(0, NOISE, len(s.time)) for s in states])
+    look = first_look(mismatch, rng)
+    assert "gravity_load" not in look.inside
+    library = Library(mismatch, look.offered)
+    library.whiten(look.noise)
+    constant = next(t for t in library.terms if t.name == chosen)
+    assert [t.name for t in sensor_or_weight(library, look.noise, [constant], look.inside)] == ["gravity_load"]
