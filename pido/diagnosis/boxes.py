@@ -248,8 +248,9 @@ def gains_of_each(grid: Grid, rows: Float32, residual: Float32, sign: Float1D) -
 def gains_together(grid: Grid, rows: Float32, residual: Float32) -> Float32:
     """(boxes,) – what all `rows` (k, n), whitened, would take away together in each box."""
     rows, k = _of_unit_length(rows), len(rows)
-    inner = grid.sums(rows * residual)
-    gram = {(i, j): grid.sums((rows[i] * rows[j])[None])[0] for i in range(k) for j in range(i, k)}
+    pairs = list(itertools.combinations_with_replacement(range(k), 2))
+    sums = grid.sums(np.concatenate([rows * residual, *((rows[i] * rows[j])[None] for i, j in pairs)]))
+    inner, gram = sums[:k], dict(zip(pairs, sums[k:], strict=True))
     least = [np.maximum(_THERE, _ALONE * gram[i, i]) for i in range(k)]
     gain = np.zeros(inner.shape[1], np.float32)
     for i in range(k):  # column by column, in all boxes at once
