@@ -75,6 +75,12 @@ def test_a_wrong_input_changes_the_simulation_only_around_its_interval():
         assert changed.any() == (p.job.name == e.shape["part"])
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_what_is_wrong_with_an_input_is_in_a_part_that_a_proof_shows(seed):
+    case = draw_case("input_fault", 1.0, seed=seed, parts=2)  # of the two or more, the last is kept
+    assert case.effects[0].shape["part"] != case.parts[-1].job.name
+
+
 def test_a_capture_in_the_controls_format_reads_back(part, tmp_path):
     again = read_recording(write_sinumerik(part, tmp_path / "IMP-01.json"))
     for name in ("pos_x", "pos_z", "curr_y", "curr_sp"):
