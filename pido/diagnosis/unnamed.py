@@ -20,6 +20,7 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.bends import bends
 from pido.diagnosis.confirm import less_error, no_more_error, plain_errors
 from pido.diagnosis.dynamics import Ringing, ringing_terms
+from pido.diagnosis.estimate import LONGEST_LAG_S
 from pido.diagnosis.flexible import Coarse, coarse, price, structure
 from pido.diagnosis.formulas import (
     FORMS,
@@ -34,7 +35,7 @@ from pido.diagnosis.formulas import (
     surfaces,
 )
 from pido.diagnosis.identify import numbers
-from pido.diagnosis.late import Late, late_terms
+from pido.diagnosis.late import Fading, Late, late_terms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
@@ -303,6 +304,8 @@ def tune(library: Library, current: Basis, score: Score) -> Score:
 
 def is_known(library: Library, noise: Noise, score: Score) -> bool:
     """Whether a model without a name is a mechanism of the catalogue in other words."""
+    if _is_late_inertia(library.mismatch.axis, score.term):
+        return True
     effect = score.amplitudes @ score.term.columns(library.mismatch.states)
     row = noise.whiten(effect[None]).astype(np.float32)[0]
     length = float(np.sqrt(row @ row))
@@ -313,6 +316,13 @@ def is_known(library: Library, noise: Noise, score: Score) -> bool:
         [max(float(g[0, 0]), 1e-30) for g, (i, j) in zip(library.grams, library.spans, strict=True) if j - i == 1]
     )
     return bool(np.max(np.abs((library.whitened @ row)[singles]) / size, initial=0.0) > _SAME * length)
+
+
+def _is_late_inertia(axis: str, term: Term) -> bool:
+    """Whether it is k * v * tau s / (1 + tau s) = k * tau * a behind a lag as short as that of a drive's loop."""
+    law = term.mechanism
+    own = isinstance(law, Fading) and (law.signal, law.form, law.in_motion) == (f"v_{axis}", "u", False)
+    return own and dict(term.shape)["tau"] < LONGEST_LAG_S
 
 
 def _at_an_edge(term: Term, beside: Sequence[Term]) -> bool:

@@ -82,6 +82,13 @@ def test_a_lag_of_no_time_is_the_mechanism_itself_in_other_words(tau, other_word
     assert is_known(library, noise, score) is other_words
 
 
+@pytest.mark.parametrize(("tau", "other_words"), [(0.03, True), (1.5, False)])
+def test_what_fades_as_soon_as_a_loop_answers_is_inertia_in_other_words(tau, other_words):
+    library, noise = planted(lambda s: s.v - signal.lsim(([1], [tau, 1]), s.v, s.time)[1])
+    fading = Term(Fading("v_x", "u", "mm/s"), (("tau", tau),))
+    assert is_known(library, noise, library.score(fading, basis(library, noise, []))) is other_words
+
+
 def test_what_lags_may_have_another_size_while_the_tool_cuts():
     (state,) = axis_states([part(0)], "x")
     cutting = replace(state, engaged=state.time > 15.0)
