@@ -244,7 +244,8 @@ def _modulated(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[
         both = unit_of([of_own, of_cause])
         yield Modulated(name, form, cause, loss, both)
         yield Modulated(name, form, cause, loss, both, beside=unit_of([of_cause]))
-        if name == f"v_{axis}" and form != "|u|":  # a friction
+        # A friction, which heat changes: heat knows no sign.
+        if name == f"v_{axis}" and form != "|u|" and (loss != "u" or known[cause][0].min() >= 0):
             yield Modulated(name, form, cause, loss, both, level=unit_of([of_own]))
 
 
