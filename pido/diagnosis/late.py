@@ -27,6 +27,7 @@ from pido.physics.drive import answered_late
 
 _TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
 _SLOW_TIMES_S = (30.0, 100.0, 300.0)
+_HEAT_S = (1.0, 3.0, 10.0, *_SLOW_TIMES_S)
 _LONGEST_S = 30.0  # what comes later still is drift
 _BEST_TIMES = 2  # of every law, by the averages
 _MODULATED = 40  # of these, the best by the averages
@@ -217,7 +218,8 @@ def late_terms(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]], few
         ]
 
     plain = [term for law in _laws(mismatch, known) for _, term in best(law, _TIMES_S)]
-    every = [each for law in _modulated(mismatch.axis, known) for each in best(law, (*_TIMES_S, *_SLOW_TIMES_S))]
+    usual = (*_TIMES_S, *_SLOW_TIMES_S)
+    every = [e for law in _modulated(mismatch.axis, known) for e in best(law, _HEAT_S if law.level else usual)]
     return [*plain, *(term for _, term in sorted(every, key=lambda each: each[0])[:_MODULATED])]
 
 

@@ -61,7 +61,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"braking_{a}": (lambda: (state.v * state.a < 0).astype(float), "–"),
         f"d_{a}": (state.since_reversal, length),
         f"way_{a}": (None if spindle else state.way, length),
-        f"j_{a}": (lambda: np.gradient(state.a, state.time) if state.dt > 0 else None, f"{speed}³"),
+        f"j_{a}": (lambda: _jerk(state), f"{speed}³"),
         f"t_go_{a}": (lambda: _since_change(state.time, state.moving, state.moving), "s"),
         f"stood_{a}": (lambda: _since_change(state.time, state.moving, ~state.moving), "s"),
         f"rested_{a}": (lambda: _rested(state.time, state.moving), "s"),
@@ -107,6 +107,11 @@ def meanings(text: str, axis: str) -> list[str]:
     """
     named = {name.replace("{}", axis): said.replace("{}", axis) for name, said in _MEANING.items()}
     return [f"{name} = {said}" for name, said in named.items() if re.search(rf"\b{name}\b", text)]
+
+
+def _jerk(state: AxisState) -> Float1D | None:
+    """Over the step between the rows at hand, which may be thinned."""
+    return np.gradient(state.a, float(np.median(np.diff(state.time)))) if len(state.time) > 1 else None
 
 
 def _feed(state: AxisState) -> Float1D | None:
