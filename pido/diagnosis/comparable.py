@@ -20,7 +20,7 @@ from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.diagnosis.consistency import runs
 from pido.diagnosis.faults import beyond_load, extreme_loads
-from pido.diagnosis.state import motion
+from pido.diagnosis.state import dead_bands, motion
 
 LEAST_ROWS = 500
 """Samples of a part, and samples of an axis that have both currents, below which nothing is concluded."""
@@ -171,7 +171,8 @@ def _nothing_to_explain_it(parts: Sequence[Recording], axis: str) -> str | None:
 
 
 def _little_motion(parts: Sequence[Recording], axis: str, machine: Machine | None) -> list[str]:
-    found = [motion(r, axis, machine) for r in parts]
+    bands = dead_bands(parts, machine)
+    found = [motion(r, axis, bands) for r in parts]
     if all(m is None for m in found):
         return [
             f"axis {axis}: neither '{POSITION[axis]}' nor '{VELOCITY[axis]}' was recorded; what depends on its own "

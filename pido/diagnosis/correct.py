@@ -24,7 +24,7 @@ from pido.diagnosis.state import AxisState, axis_states
 _REMEMBER = frozenset({"thermal_drift", "tool_wear"})
 
 
-def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence[Recording] = ()) -> PartSeries:
+def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> PartSeries:
     """Simulation plus all findings for one part.
 
     earlier : parts of the same machine made before this one, oldest first, where their wear or heat is carried on
@@ -36,11 +36,13 @@ def correct(model: Mapping[str, object], recording: Recording, earlier: Sequence
     if pair is not None:
         recording, earlier = pair.of(recording), [pair.of(r) for r in earlier]
     without = _without_currents(recording)
+    bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
     mismatch: dict[str, Float1D] = {}
     scores: dict[str, Float1D] = {}
     corrected: dict[str, Float1D] = {}
     for axis, own in models.items():
-        state = _with_history(axis_states([*map(_without_currents, earlier), without], axis)[-1], model)
+        states = axis_states([*map(_without_currents, earlier), without], axis, bands=bands)
+        state = _with_history(states[-1], model)
         mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
     if not corrected:
         raise DiagnosisError("the model holds no axis. Run 'pido diagnose' on parts with recorded currents first.")

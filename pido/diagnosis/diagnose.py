@@ -39,7 +39,7 @@ from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search, without
-from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.state import AxisState, axis_states, dead_bands
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unnamed import clearly_less
@@ -152,7 +152,12 @@ def _diagnose(
             r.part.part: PartSeries(r.time, *({a: v[i] for a, v in series[r.part.part].items()} for i in range(3)))
             for r in parts
         },
-        model={**as_json(models), "history": _history(parts), "orders": [r.part.order for r in parts]},
+        model={
+            **as_json(models),
+            "history": _history(parts),
+            "orders": [r.part.order for r in parts],
+            "dead_bands": dead_bands(parts, machine),
+        },
         rejected=tuple(rejected),
         notes=tuple(notes),
     )

@@ -288,7 +288,7 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), bool(own["in_motion"]))
     if "modulates" in own:
         said = (str(own[n]) for n in ("modulates", "form", "cause", "loss", "unit", "beside"))
-        return Modulated(*said, str(own.get("level", "")))
+        return Modulated(*said, level=str(own.get("level", "")))
     if "rested" in own:
         return Rested(str(own["rested"]), str(own["unit"]))
     if "heats" in own:  # a model of before

@@ -116,19 +116,26 @@ def axis_state(recording: Recording, axis: str, machine: Machine | None = None) 
     return axis_states([recording], axis, machine)[0]
 
 
-def axis_states(recordings: Sequence[Recording], axis: str, machine: Machine | None = None) -> tuple[AxisState, ...]:
+def axis_states(
+    recordings: Sequence[Recording],
+    axis: str,
+    machine: Machine | None = None,
+    bands: Mapping[str, float] | None = None,
+) -> tuple[AxisState, ...]:
     """The state of one axis in every part; wear and the machine's clock are carried from part to part.
 
     recordings : in production order
     machine : gives dead bands, leads and the vertical axis where a part's own data do not
+    bands : the dead bands of `dead_bands` where they were read before, from other parts of the same machine
     """
+    bands = {**dead_bands(recordings, machine), **(bands or {})}
     worn: dict[str, tuple[float, float]] = {}
     past: list[tuple[float, float]] = []
     clock_known = True
     states = []
     for recording in recordings:
         clock_known &= recording.part.start_time_s is not None
-        states.append(_state(recording, axis, machine, worn, tuple(past) if clock_known else None))
+        states.append(_state(recording, axis, machine, bands, worn, tuple(past) if clock_known else None))
         start = recording.part.start_time_s
         if start is not None:
             past.append((start, start + float(recording.time[-1])))
@@ -139,11 +146,12 @@ def _state(
     recording: Recording,
     axis: str,
     machine: Machine | None,
+    bands: Mapping[str, float],
     worn: dict[str, tuple[float, float]],
     earlier: tuple[tuple[float, float], ...] | None,
 ) -> AxisState:
     time = recording.time
-    motions = {a: m for a in AXES if (m := _judged(recording, a, machine)) is not None}
+    motions = {a: m for a in AXES if (m := _judged(recording, a, bands)) is not None}
     own = motions.pop(axis, None)
     if own is None:
         zero = np.zeros(len(time))
@@ -224,40 +232,54 @@ def _state(
     )
 
 
-def _judged(recording: Recording, axis: str, machine: Machine | None) -> Motion | None:
+def _judged(recording: Recording, axis: str, bands: Mapping[str, float]) -> Motion | None:
     """The motion of an axis with the rows that its signals make unusable."""
-    found = motion(recording, axis, machine)
+    found = motion(recording, axis, bands)
     if found is None:
         return None
     wrong = faulty(recording, axis)
     return replace(found, wrong=wrong) if wrong.any() else found
 
 
-def motion(recording: Recording, axis: str, machine: Machine | None = None) -> Motion | None:
+def motion(recording: Recording, axis: str, bands: Mapping[str, float]) -> Motion | None:
     """Speed, acceleration and direction of one axis, derived where they are missing; None without any."""
-    v, a, pos = (_numbers(recording, c[axis]) for c in (VELOCITY, ACCELERATION, POSITION))
+    v, a = _speed(recording, axis), _numbers(recording, ACCELERATION[axis])
     if v is None:
-        if pos is None or len(recording) < 2:
-            return None
-        v = np.gradient(np.unwrap(pos, period=360.0) if axis == "sp" else pos, recording.time)
+        return None
     if a is None:
         a = np.gradient(v, recording.time) if len(v) > 1 else np.zeros(len(v))
-    band = machine.dead_band(axis) if machine is not None else dead_band(v, axis)
-    return Motion(v, a, held_direction(v, band), np.abs(v) > band)
+    return Motion(v, a, held_direction(v, bands[axis]), np.abs(v) > bands[axis])
 
 
-def dead_band(v: Float1D, axis: str) -> float:
-    """Speed below which the axis stands still: five times the signal's own noise at standstill, at least the usual one.
+def _speed(recording: Recording, axis: str) -> Float1D | None:
+    v, pos = _numbers(recording, VELOCITY[axis]), _numbers(recording, POSITION[axis])
+    if v is not None or pos is None or len(recording) < 2:
+        return v
+    return np.gradient(np.unwrap(pos, period=360.0) if axis == "sp" else pos, recording.time)
+
+
+def dead_bands(recordings: Sequence[Recording], machine: Machine | None = None) -> dict[str, float]:
+    """Speed at or below which each axis with a speed stands still: the machine's, or what all recordings together say.
+
+    One recording says little of an axis that hardly moves in it, and that axis has one band wherever it moves.
+    """
+    speeds = {a: [v for r in recordings if (v := _speed(r, a)) is not None] for a in AXES}
+    return {a: _dead_band(v, a) if machine is None else machine.dead_band(a) for a, v in speeds.items() if v}
+
+
+def _dead_band(speeds: Sequence[Float1D], axis: str) -> float:
+    """Five times the signal's own noise at standstill, at least the usual band.
 
     Noise is read from second differences among the slow samples: a smooth motion has none. The band never exceeds a
     twentieth of the speeds that occur, so that a noisy signal cannot hide slow motion altogether.
     """
     least = _LINEAR_DEAD_BAND if axis in LINEAR_AXES else _SPINDLE_DEAD_BAND
-    v = v[np.isfinite(v)]
-    if len(v) < 20:
+    known = [v[np.isfinite(v)] for v in speeds]
+    every = np.abs(np.concatenate(known))
+    if len(every) < 20:
         return least
-    top = float(np.quantile(np.abs(v), 0.95))
-    bend = np.abs(np.diff(v, 2))[np.abs(v[1:-1]) < 0.05 * top]
+    top = float(np.quantile(every, 0.95))
+    bend = np.concatenate([np.abs(np.diff(v, 2))[np.abs(v[1:-1]) < 0.05 * top] for v in known if len(v) > 2] or [[]])
     noise = 1.4826 * float(np.median(bend)) / np.sqrt(6.0) if len(bend) >= 20 else 0.0
     return float(max(least, min(_NOISE_FACTOR * noise, 0.05 * top)))
 

@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.correct import correct
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
-from pido.diagnosis.state import axis_states
+from pido.diagnosis.models import AxisModel, as_json, known_of
+from pido.diagnosis.state import axis_states, dead_bands
 from pido.diagnosis.terms import Term
 from tests.diagnosis.planted import NOISE, part, white
 
@@ -25,3 +29,25 @@ def test_what_falls_with_speed_before_the_axis_moves_is_held_at_standstill(v_s, 
     library = Library(mismatch, [falls, Term(BY_ID["standstill_friction"], (("rest", 0.0),))])
     library.whiten(noise)
     assert [t.name for t in plainest(library, noise, [falls])] == [name]
+
+
+def noisy(name, seconds_in_motion):
+    """A rest whose speed is noisy, with some slow motion before it."""
+    rng, t = np.random.default_rng(0), np.arange(2000) * 0.01
+    v = np.where(t < seconds_in_motion, 20 * np.sin(t), 0.0) + rng.normal(0, 0.05, len(t))
+    columns = {"time": t, "v_x": v, "curr_x_sim": np.zeros(len(t)), "curr_x": np.zeros(len(t))}
+    return Recording(PartInfo(part=name, machine="m"), columns)
+
+
+def test_an_axis_has_one_dead_band_whatever_it_does_in_one_part():
+    moves, rests = noisy("moves", 15.0), noisy("rests", 0.0)
+    assert axis_states([rests], "x")[0].moving.any()  # by itself, this part takes noise for motion
+    assert not axis_states([moves, rests], "x")[1].moving.any()
+
+
+def test_a_part_is_corrected_with_the_dead_bands_of_the_diagnosis():
+    moves, rests = noisy("moves", 15.0), noisy("rests", 0.0)
+    states = axis_states([moves], "x")
+    friction = AxisModel("x", 0.1, (Term(BY_ID["coulomb_friction"]),), (np.ones(1),), known=known_of(states))
+    model = as_json({"x": friction}) | {"dead_bands": dead_bands([moves])}
+    assert not correct(model, rests).mismatch["x"].any()
