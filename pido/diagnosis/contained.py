@@ -21,7 +21,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.misfit import lasting
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import best_addition, drop_useless, grid_terms, swap
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Term, behind, fit
 from pido.diagnosis.whiten import Noise
 
 _ROWS = 6_000  # that are looked at: the simulated current is the same to the last digit however many there are
@@ -37,6 +37,11 @@ _LEAST_GAIN = 30.0  # BIC
 # its drag is left beside friction and windage; without noise, as a simulated current is, that little tells.
 _COLLINEAR = 3e-5
 _MOST = 7
+_SHORTEST_LAG = 0.25  # steps
+_LONGEST_LAG_S = 0.1
+_LAGS = 8
+_NOTHING_LEFT = 1e-3  # of the simulated current's rms
+_LAG_LEAVES = 0.7  # of what is left without a lag
 # What few simulations have, and what can imitate what most of them have (friction that a warm machine changes, or that
 # varies along the travel with a mean of its own), is asked for when the usual is in.
 _LATER = frozenset(
@@ -51,6 +56,7 @@ _LATER = frozenset(
         "backlash",
     }
 )
+_PLAIN = frozenset({"coulomb_friction", "viscous_friction", "inertia"})
 NOT_A_COMPONENT = frozenset(
     {
         "sensor_gain",
@@ -80,28 +86,29 @@ def contained(
     if mismatch.sim is None or not np.any(mismatch.usable):
         return {}
     own = [m for m in mechanisms if m.id not in NOT_A_COMPONENT and m.applies(mismatch.states) is None]
-    stride = max(1, mismatch.n // _ROWS)
-    thin = lay_out(mismatch.states, [s.sim for s in mismatch.states if s.sim is not None], stride=stride)
-    sim = np.where(thin.usable, np.concatenate([s.sim for s in thin.states if s.sim is not None]), 0.0)
+    # What a simulation holds at rest has a name of its own, and is not asked for within other laws.
+    offered = [t for m in own for t in grid_terms(m, mismatch.states) if not dict(t.shape).get("rest")]
+    lag = _lag(mismatch, offered)
+    # A lag is shorter than the steps of fewer rows.
+    thin = _of_simulation(mismatch, 1 if lag else max(1, mismatch.n // _ROWS))
+    sim = thin.target
     # White noise: what a row is worth is set by how many rows there are, not by how they hang together.
     level = _FRACTION * float(np.median(noise.level))
     faint = Noise(np.zeros(0), np.full(thin.n, level), 1.0, thin.usable)
     problem = thin.with_target(np.where(thin.usable, sim + rng.normal(scale=level, size=thin.n), 0.0))
-    # A constant is no mechanism, and must not be put together from halves of one.
-    problem = replace(problem, base=thin.usable[None].astype(float), base_names=("constant",))
-    # What a simulation holds at rest has a name of its own, and is not asked for within other laws.
-    offered = [t for m in own for t in grid_terms(m, problem.states) if not dict(t.shape).get("rest")]
     # A simulation may round its signs and delay its transients: where all mechanisms at once do not reproduce it, one
     # of them must not be made to.
-    amiss = maximum_filter1d(np.abs(left_over(problem, coarse_columns(problem, offered), None)), _AROUND)
+    every_law = coarse_columns(problem, [t.behind(lag) for t in offered])
+    amiss = maximum_filter1d(np.abs(left_over(problem, every_law, None)), _AROUND)
     faint = replace(faint, level=np.hypot(level, np.where(thin.usable, amiss, 0.0)))
-    library = Library(problem, offered, collinear=_COLLINEAR)
+    library = Library(problem, offered, collinear=_COLLINEAR, lag=lag)
     library.whiten(faint)
     usual = swap(library, faint, _greedy(library, faint, [], _LATER), _LATER)
     usual = drop_useless(library, faint, usual, _LEAST_GAIN)
     least = max(
         _LEAST_SHARE * float(np.sqrt(np.mean(sim[thin.usable] ** 2))), _LEAST_LEVEL * float(np.median(noise.level))
     )
+    usual = _plainer(library, faint, usual)
     every = _greedy(library, faint, usual)
     out = {}
     for term in every:
@@ -120,6 +127,33 @@ def contained(
     return out
 
 
+def _of_simulation(mismatch: Mismatch, stride: int) -> Mismatch:
+    """The simulated current over a constant, every stride-th row of it: a constant is no mechanism, and must not be put
+    together from halves of one."""
+    thin = lay_out(mismatch.states, [s.sim for s in mismatch.states if s.sim is not None], stride=stride)
+    sim = np.concatenate([s.sim for s in thin.states if s.sim is not None])
+    thin = thin.with_target(np.where(thin.usable, sim, 0.0))
+    return replace(thin, base=thin.usable[None].astype(float), base_names=("constant",))
+
+
+def _lag(mismatch: Mismatch, offered: Sequence[Term]) -> float:
+    """s – of the loop behind which the simulation's own drive answers; 0 where all mechanisms at once do as well
+    without one: what a loop makes of a few laws, many others would be put together for."""
+    whole = _of_simulation(mismatch, 1)
+    columns = coarse_columns(whole, offered)
+
+    def left(tau: float) -> float:
+        late = behind(columns, whole.states, tau) if tau else columns
+        return float(np.sqrt(np.mean(left_over(whole, late, None)[whole.usable] ** 2)))
+
+    at_once = left(0.0)
+    if at_once < _NOTHING_LEFT * float(np.sqrt(np.mean(whole.target[whole.usable] ** 2))):
+        return 0.0
+    taus = np.geomspace(_SHORTEST_LAG * whole.step, max(_LONGEST_LAG_S, 2 * whole.step), _LAGS)
+    least, tau = min((left(float(tau)), float(tau)) for tau in taus)
+    return tau if least < _LAG_LEAVES * at_once else 0.0
+
+
 def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term) -> Component:
     """A term beside the others; of no size where it explains hardly anything that they do not."""
     joint = fit(library.mismatch, noise, terms)
@@ -129,6 +163,21 @@ def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term
         return Component(term, amplitudes, 0.0)
     effect = amplitudes @ library.columns(term)
     return Component(term, amplitudes, float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2))))
+
+
+def _plainer(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
+    """`terms`, each as one of the laws that nearly every simulation has where that does as well: at speeds far below
+    its own, a Stribeck friction is Coulomb's."""
+    out = list(terms)
+    for i, term in enumerate(terms):
+        rest = basis(library, noise, [t for t in out if t is not term])
+        most = (1 + _LEAST_OWN) * basis(library, noise, out).rss
+        plain = _PLAIN - {t.mechanism.id for t in out} if term.mechanism.id not in _PLAIN else ()
+        scores = [library.score(t, rest) for t in library.terms if t.mechanism.id in plain]
+        best = max((s for s in scores if s is not None), key=lambda s: s.gain, default=None)
+        if best is not None and rest.rss - best.gain <= most:
+            out[i] = best.term
+    return out
 
 
 def _greedy(library: Library, noise: Noise, terms: list[Term], without: frozenset[str] = frozenset()) -> list[Term]:
