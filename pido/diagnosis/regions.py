@@ -73,6 +73,12 @@ def within_same_limits(library: Library, current: Basis, term: Term, taken: Coll
     return [s for _, other in likeliest if (s := library.score(other, current)) is not None]
 
 
+def with_own_limits(library: Library, current: Basis, term: Term) -> Term:
+    """`term`, whose limits fitted another law, with those that fit it best itself."""
+    score = library.score(term, current) if term.gates else None
+    return term if score is None or library.space is None else _settle(library, current, score, library.space).term
+
+
 def _grid_of(space: Space, term: Term) -> Grid:
     """The boxes between the limits of a term."""
     limits = {v: np.unique([_limit(g) for g in term.gates if g.variable == v]) for v in space.variables}
