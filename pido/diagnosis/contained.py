@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
+from scipy.optimize import minimize_scalar
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.identify import coarse_columns, left_over
@@ -150,8 +152,10 @@ def _lag(mismatch: Mismatch, offered: Sequence[Term]) -> float:
     if at_once < _NOTHING_LEFT * float(np.sqrt(np.mean(whole.target[whole.usable] ** 2))):
         return 0.0
     taus = np.geomspace(_SHORTEST_LAG * whole.step, max(_LONGEST_LAG_S, 2 * whole.step), _LAGS)
-    least, tau = min((left(float(tau)), float(tau)) for tau in taus)
-    return tau if least < _LAG_LEAVES * at_once else 0.0
+    k = int(np.argmin([left(float(tau)) for tau in taus]))
+    around = (float(taus[max(0, k - 1)]), float(taus[min(_LAGS - 1, k + 1)]))
+    found: Any = minimize_scalar(left, bounds=around, method="bounded", options={"maxiter": _LAGS})
+    return float(found.x) if found.fun < _LAG_LEAVES * at_once else 0.0
 
 
 def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term) -> Component:
