@@ -35,6 +35,7 @@ from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.optimise import Report, occupancy_of, optimise
 from pido.sampling.shares import ShareRule, fill, nothing
+from pido.sampling.steady import steadier
 from pido.sampling.trust import LEVELS, Trust, currents, learn, taken
 
 log = logging.getLogger(__name__)
@@ -176,8 +177,7 @@ def _trusted(
     trusted there; and rows anchored in recorded ones (PiA), where these have helped."""
     needed = relevant_bins(path.reduced, method.grid)
     asks = taken(path, method.grid, trust.spacing, rng)
-    used = [i for i, terms in enumerate(trust.terms) if terms is not None]
-    some = np.flatnonzero(asks[:, used].any(axis=1))
+    some = np.flatnonzero(asks.any(axis=1))
     rows, asks = path.take(some), asks[some]
     n = len(rows)
     rows = replace(
@@ -193,9 +193,12 @@ def _trusted(
         said, error, where = currents(
             rows, real, machine, trust, train, method.omega_data, beside, method.omega_generated
         )
+        told, its_error = steadier(rows, real, machine, trust.tried, train)
+        steady = np.isfinite(told)
+        said, error = np.where(steady, told, said), np.where(steady, its_error, error)
         most = np.array([machine.current_max_a.get(axis, np.inf) for axis in AXES])
         verdict[np.isnan(said)] = WORSE_THAN_MODEL
-        verdict[where == len(LEVELS)] = NO_SUPPORT
+        verdict[(where == len(LEVELS)) & ~steady] = NO_SUPPORT
         verdict[np.abs(said) > most] = BEYOND_DRIVE
         passed = (verdict == PASSED) & asks
         rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))
