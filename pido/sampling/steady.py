@@ -1,27 +1,27 @@
-"""Where a coming path leaves what was recorded, who wavers less: the model, or an equation?
+"""Who wavers less where the coming path goes: the model, or an equation?
 
-In:  rows of the path, recorded rows, term sets, a way to train a model. Out: currents of an equation, where it is
+In:  rows of the path, recorded rows, term sets, a way to train a model. Out: currents of an equation where it is
      followed, and their expected errors.
 
-No play of an arrival (`pido.sampling.trust`) shows what happens where nothing like the path was ever recorded. A spindle
-that ran at one speed has drawn a lot of current while it ran up through all lower ones: whether that was for the
-acceleration or for the speed is the same to a forest, and at another speed its trees contradict each other.
+No play of an arrival (`pido.sampling.trust`) shows a path unlike all that was recorded. A spindle that has run at one
+speed drew a lot of current while it ran up through the lower ones. Whether that was for the acceleration or for the
+speed is the same to a forest: at another speed its trees contradict each other, and more rows of the run-up make it
+worse. An equation is not in doubt: a speed that changes little near the top cannot have drawn that much below.
 
-So both are asked again with one stretch left out in turn. Their variance on a row is that of the jackknife,
-    s² = sum over stretches (what is said without it - what is said with all)²
-and of an equation, which cannot bend to what it does not contain, its mean square residual is added. It is followed
-where its standard error is a third of the model's at most, and only for an axis where on half of the stretches, left
-out, it was no worse than the model: being steady is not being right.
+So both are asked again with each of six stretches (or parts) left out. The variance of what is said of a row is
+    s² = sum over stretches (said without it - said with all)²              (jackknife, (g - 1) / g taken as 1)
+and that of an equation has its mean square residual added: what it does not contain does not waver. It is followed
+where its standard error is a third of the model's at most, and for axes on which it was no worse than the model on half
+of the stretches that were left out: to be steady is not to be right.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pido.core.arrays import Float2D
+from pido.core.arrays import Float1D, Float2D
 from pido.core.machining import Machine
 from pido.core.samples import Samples, Train
 from pido.equations.fit import fit_global
@@ -29,53 +29,55 @@ from pido.equations.terms import TermSet
 from pido.feature_space.regional import folds
 
 _STEADIER = 3.0  # times
-_ASKED = 4_000  # recorded rows that are asked: an even share of them says as much
-_LEAST = 20  # rows on either side of a stretch
-_STRETCHES = 4  # fewer say nothing about how much an answer wavers
+_ASKED = 4_000  # recorded rows, evenly from all: it is asked seven times
+_LEAST = 20  # rows left out, and rows left
+_STRETCHES = 4  # fewer say little of how much an answer wavers
 
 
 def steadier(
     rows: Samples, real: Samples, machine: Machine, tried: Sequence[TermSet], train: Train
 ) -> tuple[Float2D, Float2D]:
-    """Currents and their expected errors, (n, 4) each, A; NaN where no equation is followed.
+    """Currents by an equation, and their expected errors: (n, 4) each, A; NaN where none is followed.
 
-    An axis follows the equation that wavers least on these rows, of those in `tried` that were no worse than the model.
+    Of the equations in `tried` that may be followed, an axis has the one that wavers least on the mean of these rows.
     """
-    real = real.take(np.lexsort((real.row, real.part.astype(str))))
-    said, error = np.full((len(rows), 4), np.nan), np.full((len(rows), 4), np.nan)
+    said, error = np.full((2, len(rows), 4), np.nan)
+    real = real.take(np.lexsort((real.row, real.part.astype(str))))  # the order of arrival must not matter
+    real = real.take(np.flatnonzero(np.isfinite(real.currents).any(axis=1)))
     if len(real) > _ASKED:
         real = real.take(np.linspace(0, len(real) - 1, _ASKED).astype(np.int64))
-    fold = folds(real)
-    outs = [out for k in np.unique(fold) if min((out := fold == k).sum(), (~out).sum()) >= _LEAST]
+    fold = folds(real, 6)
+    outs = [fold == k for k in np.unique(fold)]
+    outs = [out for out in outs if min(out.sum(), (~out).sum()) >= _LEAST]
     if len(outs) < _STRETCHES or not len(rows):
         return said, error
-    whole = [_model(real, train), *(fit_global(real, machine, terms).predict for terms in tried)]
-    known = [_mean_square(real.currents - ask(real)) for ask in whole]
-    answer = [ask(rows) for ask in whole]
-    waver, missed = np.zeros((len(whole), len(rows), 4)), np.zeros((len(whole), len(outs), 4))
+
+    def asked(known: Samples) -> list[Callable[[Samples], Float2D]]:
+        """The model first, then the equations."""
+        return [train(known, np.ones((len(known), 4))), *(fit_global(known, machine, t).predict for t in tried)]
+
+    answers = asked(real)
+    with_all = [ask(rows) for ask in answers]
+    variance = np.zeros((len(answers), len(rows), 4))
+    missed = np.zeros((len(answers), len(outs), 4))
     for k, out in enumerate(outs):
-        rest, left = real.take(~out), real.take(out)
-        asks = [_model(rest, train), *(fit_global(rest, machine, terms).predict for terms in tried)]
-        for c, ask in enumerate(asks):
-            waver[c] += (ask(rows) - answer[c]) ** 2
-            missed[c, k] = _mean_square(left.currents - ask(left))
+        left = real.take(out)
+        for c, ask in enumerate(asked(real.take(~out))):
+            variance[c] += (ask(rows) - with_all[c]) ** 2
+            missed[c, k] = _mean_square(ask(left) - left.currents)
+    for c, ask in enumerate(answers[1:], start=1):
+        variance[c] += _mean_square(ask(real) - real.currents)
     for i in range(4):
-        best = np.inf
-        for c in range(1, len(whole)):
-            variance = waver[c, :, i] + known[c][i]
-            fair = (missed[c, :, i] <= missed[0, :, i]).mean() >= 0.5
-            if fair and variance.mean() < best:
-                best = variance.mean()
-                follow = _STEADIER**2 * variance <= waver[0, :, i]
-                said[:, i] = np.where(follow, answer[c][:, i], np.nan)
-                error[:, i] = np.where(follow, np.sqrt(variance), np.nan)
+        fair = [c for c in range(1, len(answers)) if (missed[c, :, i] <= missed[0, :, i]).mean() >= 0.5]
+        if fair:
+            best = min(fair, key=lambda c: variance[c, :, i].mean())
+            follow = _STEADIER**2 * variance[best, :, i] <= variance[0, :, i]
+            said[follow, i] = with_all[best][follow, i]
+            error[follow, i] = np.sqrt(variance[best, follow, i])
     return said, error
 
 
-def _model(real: Samples, train: Train):
-    return train(real, np.ones((len(real), 4)))
-
-
-def _mean_square(miss: Float2D) -> np.ndarray:
+def _mean_square(miss: Float2D) -> Float1D:
+    """(4,): over the rows where it is known; NaN where it never is."""
     number = np.isfinite(miss).sum(axis=0)
     return np.where(number > 0, np.nansum(miss**2, axis=0) / np.maximum(number, 1), np.nan)
