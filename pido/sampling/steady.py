@@ -29,9 +29,9 @@ from pido.equations.terms import TermSet
 from pido.feature_space.regional import folds
 
 _STEADIER = 3.0  # times
-_ASKED = 4_000  # recorded rows, evenly from all: it is asked seven times
+_ASKED = 2_000  # recorded rows, evenly from all: it is asked seven times
 _LEAST = 20  # rows left out, and rows left
-_STRETCHES = 4  # fewer say little of how much an answer wavers
+_STRETCHES = 3  # fewer say little of how much an answer wavers
 
 
 def steadier(
