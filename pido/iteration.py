@@ -231,7 +231,8 @@ def words(adaptation: Adaptation) -> dict[str, str]:
     else:
         trust = adaptation.trust
         rows = [
-            (f"by '{terms.id}', {spacing}" if terms else "none of the path") + ", and anchored ones" * anchored
+            (f"by '{terms.id}', {spacing}" if terms else "of the path where an equation is far steadier")
+            + ", and anchored ones" * anchored
             for terms, spacing, anchored in zip(trust.terms, trust.spacing, trust.anchored, strict=True)
         ]
     return {axis: f"{near}; rows: {what}" for axis, near, what in zip(AXES, adaptation.choice.near, rows, strict=True)}

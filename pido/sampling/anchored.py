@@ -13,7 +13,7 @@ carries them to where nothing was recorded, and that axis gets none. On virtual 
 was up to ten times the error; with half the spread, one axis of a real air cut was 3 % worse.
 
 What an equation says of the way between two rows so near adds nothing that could be measured on four machines; far from
-both, where a term is large, it does harm. Equations speak where nothing was recorded (`pido.sampling.trust`).
+both, where a term is large, it does harm. Equations speak where nothing was recorded (`pido.sampling.trust`, `pido.sampling.steady`).
 """  # noqa: E501
 
 from __future__ import annotations

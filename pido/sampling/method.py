@@ -6,7 +6,7 @@ Out: generated rows with weights, the report, and the equations they came from.
 `paper`    everything as printed: 17 terms, table 2, eq. 15 and 16, no gate
 `adaptive` terms, width and reach of the weights per axis from held-out rows; a gate; and, with a model at hand, per
            axis and region how far the equation's word is followed and how densely, from plays of an arrival, or not
-           at all
+           at all; and where a path is unlike all that could be played, whichever wavers less
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
 from pido.sampling.optimise import Report, occupancy_of, optimise
 from pido.sampling.shares import ShareRule, fill, nothing
+from pido.sampling.steady import steadier
 from pido.sampling.trust import LEVELS, Trust, currents, learn, taken
 
 log = logging.getLogger(__name__)
@@ -173,12 +174,16 @@ def _trusted(
     train: Train, rng: np.random.Generator,
 ) -> Balanced:  # fmt: skip
     """Rows of the coming path itself (PiE), up to the target density per bin, with currents as far as the equation is
-    trusted there; and rows anchored in recorded ones (PiA), where these have helped."""
+    trusted there, or all the way where it wavers far less than the model; and rows anchored in recorded ones (PiA),
+    where these have helped."""
     needed = relevant_bins(path.reduced, method.grid)
     asks = taken(path, method.grid, trust.spacing, rng)
-    used = [i for i, terms in enumerate(trust.terms) if terms is not None]
-    some = np.flatnonzero(asks[:, used].any(axis=1))
-    rows, asks = path.take(some), asks[some]
+    some = np.flatnonzero(asks.any(axis=1))
+    steady, its_error = steadier(path.take(some), real, machine, trust.tried, train)
+    follow = np.isfinite(steady)
+    asks = asks[some] & ([terms is not None for terms in trust.terms] | follow)
+    ask = asks.any(axis=1)
+    rows, asks, steady, its_error, follow = path.take(some[ask]), asks[ask], steady[ask], its_error[ask], follow[ask]
     n = len(rows)
     rows = replace(
         rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64), origin=np.full(n, PIE, np.int64),
@@ -193,9 +198,10 @@ def _trusted(
         said, error, where = currents(
             rows, real, machine, trust, train, method.omega_data, beside, method.omega_generated
         )
+        said, error = np.where(follow, steady, said), np.where(follow, its_error, error)
         most = np.array([machine.current_max_a.get(axis, np.inf) for axis in AXES])
         verdict[np.isnan(said)] = WORSE_THAN_MODEL
-        verdict[where == len(LEVELS)] = NO_SUPPORT
+        verdict[(where == len(LEVELS)) & ~follow] = NO_SUPPORT
         verdict[np.abs(said) > most] = BEYOND_DRIVE
         passed = (verdict == PASSED) & asks
         rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))

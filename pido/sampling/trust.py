@@ -270,7 +270,7 @@ def currents(
         known, weights = Samples.concat([real, beside]), np.vstack([weights, np.full((len(beside), 4), generated)])
     used = np.array([terms is not None for terms in trust.terms])
     asked = replace(known, currents=np.where(used, known.currents, np.nan))  # other axes need no model
-    model = train(asked, weights)(rows)
+    model = train(asked, weights)(rows) if trust.any else np.full((len(rows), 4), np.nan)
     equations = {terms.id: fit_global(real, machine, terms) for terms in trust.tried}
     where = region(rows, real, list(equations.values()))
     axis = np.arange(4)
