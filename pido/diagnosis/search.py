@@ -94,10 +94,12 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     """Names for one axis; nothing is estimated for keeps yet. timed : a common delay is already out.
 
     What the loop of a drive makes of a law, several that answer at once can imitate: where some of those found do
-    the same behind a lag, all is asked again behind it.
+    the same behind a lag, all is asked again behind it. Where the simulation has a loop, what it lacks passes the same.
     """
     answer = _search(look, axes, timed, rng)
     lag = lag_of(look.mismatch, answer.terms)
+    if not lag and answer.terms:
+        lag = max((part.term.lag for part in look.inside.values()), default=0.0)
     if lag:
         late = _search(look, axes, timed, rng, lag)
         if _as_good(look.mismatch, late.terms, answer.terms):

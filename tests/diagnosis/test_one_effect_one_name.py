@@ -377,19 +377,35 @@ def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
     assert abs(found.offset - 0.02) < 1e-3
 
 
-def test_a_simulation_behind_a_loop_has_no_other_laws_than_the_loop_is_given():
-    def of(recording):
-        v = recording["v_x"]
-        laws = 0.4 * np.sign(np.where(np.abs(v) > 0.02, v, 0.0)) + 0.03 * v + 0.004 * recording["a_x"]
-        return recording.with_columns(curr_x_sim=answered_late(laws[None], recording.time, 0.015)[0])
+def behind_a_loop(recording):
+    """Friction and inertia are simulated, with a drive that answers 15 ms late."""
+    v = recording["v_x"]
+    laws = 0.4 * np.sign(np.where(np.abs(v) > 0.02, v, 0.0)) + 0.03 * v + 0.004 * recording["a_x"]
+    return recording.with_columns(curr_x_sim=answered_late(laws[None], recording.time, 0.015)[0])
 
+
+def test_a_simulation_behind_a_loop_has_no_other_laws_than_the_loop_is_given():
     rng = np.random.default_rng(1)
-    states = axis_states([of(r) for r in recordings(rows=8000)], "x")
+    states = axis_states([behind_a_loop(r) for r in recordings(rows=8000)], "x")
     mismatch = lay_out(states, [rng.normal(0, NOISE, len(s.time)) for s in states])
     noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
     found = contained(mismatch, CATALOGUE, noise, rng)
     assert set(found) == {"coulomb_friction", "viscous_friction", "inertia"}
     np.testing.assert_allclose([found[i].amplitudes[0] for i in found], [0.4, 0.03, 0.004], rtol=0.05)
+
+
+def test_what_a_simulation_with_a_loop_lacks_passes_the_same_loop():
+    """A weak effect does not show by itself how late it is answered, and would be taken for less than it is."""
+    rng = np.random.default_rng(1)
+    states = axis_states([behind_a_loop(r) for r in recordings()], "x")
+    lacks = [answered_late(2e-4 * s.a[None], s.time, 0.015)[0] for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in lacks])
+    answer = search(first_look(mismatch, rng), 1, False, rng)
+    (term,) = answer.terms
+    assert term.mechanism.id == "inertia"
+    assert term.lag == pytest.approx(0.015, rel=0.2)
+    ((m,),) = fit(mismatch, answer.noise, answer.terms).amplitudes
+    assert m == pytest.approx(2e-4, rel=0.15)
 
 
 DRAGS = {"spindle_viscous_drag": lambda v: 1e-5 * v, "spindle_windage": lambda v: 3e-10 * v**2}
