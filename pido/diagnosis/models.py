@@ -17,6 +17,7 @@ from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT_SIM
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
+from pido.diagnosis.arms import Arm
 from pido.diagnosis.baseline import equation_names, equation_rows
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing
@@ -214,6 +215,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
         case Bend(signal=signal, seen=seen, turns=turns):
             own |= {"bends": signal, "seen": list(seen), "turns": turns}
+        case Arm(place=place, signal=signal, unit=unit):
+            own |= {"arm": place, "of": signal, "unit": unit}
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics):
             own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
         case Ringing(signal=signal, unit=unit):
@@ -269,6 +272,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "factors" in own:
         seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
+    if "arm" in own:
+        return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]))
     if "waves" in own:
         place = str(own["waves"])
         length = str(own.get("length", "deg" if place == "pos_sp" else "mm"))  # models of before do not have

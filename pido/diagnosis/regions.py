@@ -134,7 +134,7 @@ def _promising(library: Library, current: Basis, taken: Collection[str], grid: G
 
 def _charge_of_limits(library: Library, current: Basis, grid: Grid) -> Float1D:
     """(boxes,) – BIC that the limits of each box have to bring; inf of the one that is all of the space."""
-    charge = grid.limits * _charge_of_limit(library, current)
+    charge = np.asarray(grid.limits * _charge_of_limit(library, current), float)
     charge[grid.limits == 0] = np.inf
     return charge
 
@@ -264,6 +264,9 @@ def _best_interval(
     whitened = library.noise.whiten(each.reshape(-1, each.shape[-1]))
     sign = _sign(library, score.term) if len(columns) == 1 else 0.0
     first, last, gain = gains_of_intervals(whitened, len(columns), current.Q32, current.residual32, sign)
+    # What is narrower than the least step between two levels is no range of speeds, but where a sign turns.
+    low, high = np.r_[-np.inf, limits][first], np.r_[limits, np.inf][last]
+    gain[high - low < space.places[variable].gaps.min()] = 0.0
     count = (first > 0).astype(int) + (last < len(limits)) + len(others)
     worth = -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - count * _charge_of_limit(library, current)
     k = int(np.argmax(worth))

@@ -142,8 +142,13 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
         terms = _retried(library, noise, simple, terms, answer, questions)
         # Where nothing stands, laws may have been made up for what comes and goes by itself. Beside a law it would
         # stand for what that law lacks.
-        for found in [] if terms else next_in_time(library, noise, terms):
-            terms = _retried(library, noise, [found.term], terms, answer, questions)
+        if not terms:
+            for found in next_in_time(library, noise, terms):
+                terms = _retried(library, noise, [found.term], terms, answer, questions)
+            # A law is likelier than levels over intervals, which can stand for any.
+            law, _ = with_unknown(library, noise, [], int(rng.integers(2**31)))
+            if law and no_more_error(mismatch, law, terms):
+                terms = _retried(library, noise, law, terms, answer, questions)
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
         terms = _retried(library, noise, wider, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.

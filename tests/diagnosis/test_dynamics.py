@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from pido.diagnosis.arms import Arm
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.late import Fading, Lagged, Modulated
@@ -108,6 +109,7 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
         Term(Modulated("v_x", "u", "v_x", "u²", "(mm/s)·(mm/s)^2", level="(mm/s)"), (("tau", 0.8),)),
         Term(Wave("v_x", "mm/s", "", "–"), (("L", 3.0),)),
         Term(Rested("x", "s"), (("tau", 2.0), ("L", 0.7))),
+        Term(Arm("pos_x", "v_y", "mm/s")),
     ],
 )
 def test_a_model_that_remembers_comes_back_from_its_file(term):

@@ -488,3 +488,9 @@ def test_a_tone_that_drifts_does_not_keep_the_search_adding_waves():
     mismatch, noise = laid_out(chirp)
     terms = select_terms(library_of(mismatch, noise), noise)
     assert 1 <= len(terms) <= MOST_TERMS
+
+
+def test_a_load_on_an_arm_is_one_law_whose_arm_is_zero_anywhere():
+    mismatch, noise = laid_out(lambda s: 0.002 * s.others["y"].v * (s.pos - POS.min() - 0.3 * np.ptp(POS)))
+    (term,), _ = with_unknown(library_of(mismatch, noise), noise, [], seed=0)
+    assert {"pos_x", "v_y"} <= term.mechanism.reads
