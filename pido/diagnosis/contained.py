@@ -88,11 +88,10 @@ def contained(
     if mismatch.sim is None or not np.any(mismatch.usable):
         return {}
     own = [m for m in mechanisms if m.id not in NOT_A_COMPONENT and m.applies(mismatch.states) is None]
-    # What a simulation holds at rest has a name of its own, and is not asked for within other laws.
-    offered = [t for m in own for t in grid_terms(m, mismatch.states) if not dict(t.shape).get("rest")]
-    lag = _lag(mismatch, offered)
+    lag = _lag(mismatch, _offered(own, mismatch))
     # A lag is shorter than the steps of fewer rows.
     thin = _of_simulation(mismatch, 1 if lag else max(1, mismatch.n // _ROWS))
+    offered = _offered(own, thin)
     sim = thin.target
     # White noise: what a row is worth is set by how many rows there are, not by how they hang together.
     level = _FRACTION * float(np.median(noise.level))
@@ -127,6 +126,11 @@ def contained(
     ):
         out[weight.mechanism.id] = Component(weight, np.array([level_of_all]), abs(level_of_all))
     return out
+
+
+def _offered(mechanisms: Sequence[Mechanism], mismatch: Mismatch) -> list[Term]:
+    """What a simulation holds at rest has a name of its own, and is not asked for within other laws."""
+    return [t for m in mechanisms for t in grid_terms(m, mismatch.states) if not dict(t.shape).get("rest")]
 
 
 def _of_simulation(mismatch: Mismatch, stride: int) -> Mismatch:

@@ -270,8 +270,9 @@ def dead_bands(recordings: Sequence[Recording], machine: Machine | None = None) 
 def _dead_band(speeds: Sequence[Float1D], axis: str) -> float:
     """Five times the signal's own noise at standstill, at least the usual band.
 
-    Noise is read from second differences among the slow samples: a smooth motion has none. The band never exceeds a
-    twentieth of the speeds that occur, so that a noisy signal cannot hide slow motion altogether.
+    Noise is read from second differences of slow samples beside slow ones: a smooth motion has none there, and a quick
+    turn is no standstill. The band never exceeds a twentieth of the speeds that occur, so that a noisy signal cannot
+    hide slow motion altogether.
     """
     least = _LINEAR_DEAD_BAND if axis in LINEAR_AXES else _SPINDLE_DEAD_BAND
     known = [v[np.isfinite(v)] for v in speeds]
@@ -279,9 +280,15 @@ def _dead_band(speeds: Sequence[Float1D], axis: str) -> float:
     if len(every) < 20:
         return least
     top = float(np.quantile(every, 0.95))
-    bend = np.concatenate([np.abs(np.diff(v, 2))[np.abs(v[1:-1]) < 0.05 * top] for v in known if len(v) > 2] or [[]])
+    bend = np.concatenate([_bends(v, 0.05 * top) for v in known])
     noise = 1.4826 * float(np.median(bend)) / np.sqrt(6.0) if len(bend) >= 20 else 0.0
     return float(max(least, min(_NOISE_FACTOR * noise, 0.05 * top)))
+
+
+def _bends(v: Float1D, slow: float) -> Float1D:
+    """Sizes of the second differences where all three samples are slower."""
+    stands = np.abs(v) < slow
+    return np.abs(np.diff(v, 2))[stands[2:] & stands[1:-1] & stands[:-2]]
 
 
 def _since_reversal(time: Float1D, own: Motion, pos: Float1D | None) -> tuple[Float1D, Float1D, Float1D]:

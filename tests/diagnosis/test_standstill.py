@@ -51,3 +51,11 @@ def test_a_part_is_corrected_with_the_dead_bands_of_the_diagnosis():
     friction = AxisModel("x", 0.1, (Term(BY_ID["coulomb_friction"]),), (np.ones(1),), known=known_of(states))
     model = as_json({"x": friction}) | {"dead_bands": dead_bands([moves])}
     assert not correct(model, rests).mismatch["x"].any()
+
+
+def test_quick_turns_are_no_noise_at_standstill():
+    """A slow sample between two quick ones bends a lot."""
+    t = np.arange(2000) * 0.01
+    v = 60 * np.cbrt(np.sin(5.1 * t))
+    recording = Recording(PartInfo(part="turns", machine="m"), {"time": t, "v_x": v, "curr_x": v})
+    assert dead_bands([recording] * 5) == {"x": 0.02}
