@@ -24,6 +24,7 @@ from pido.diagnosis.terms import Gate, gate_variable
 VARIABLES = ("v_x", "v_y", "AR")
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
 _FINE = 16  # limits of a variable on the grid on which a single term is asked
+_NEAR_A_LIMIT = 24  # values between which a limit is moved at last
 _SAME_LEVEL = 0.01  # of the range of a variable: nearer values are one level
 _SAME_AREA = 0.0025  # the same of AR, which reaches from a finishing cut to a hole
 _ALONE = 1e-3  # share of a column's power in a box that must be left beside the columns before it
@@ -174,8 +175,14 @@ def cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
 
 def fine_cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
     """So many places of each variable that one term can be asked in all boxes between them."""
-    picks = {name: np.linspace(0, len(at.limits) - 1, min(_FINE, len(at.limits))) for name, at in places.items()}
-    return {name: places[name].limits[np.round(pick).astype(int)] for name, pick in picks.items()}
+    return {name: some_of(at) for name, at in places.items()}
+
+
+def some_of(places: Places) -> Float1D:
+    """Limits, spread evenly over all there are."""
+    picks = np.linspace(0, len(places.limits) - 1, min(_FINE, len(places.limits)))
+    some: Float1D = places.limits[np.round(picks).astype(int)]
+    return some
 
 
 def grid_at(variables: Mapping[str, Float1D], *cuts: Mapping[str, Float1D]) -> Grid:
@@ -213,6 +220,21 @@ class Space:
     places: Mapping[str, Places]
     coarse: Grid
     fine: Grid
+
+    def between_rows(self, variable: str, limits: list[float], share: float) -> Float1D:
+        """Halfway between some of the values that occur about each of `limits`: of a share of those from the place
+        before it to that behind it."""
+        at, values = self.places[variable].limits, np.unique(self.variables[variable])
+        out = list(limits)
+        for limit in limits:
+            before = at[max(0, int(np.searchsorted(at, limit)) - 1)]
+            behind = at[min(len(at) - 1, int(np.searchsorted(at, limit, side="right")))]
+            low, here, high = np.searchsorted(values, (before, limit, behind))
+            far = max(2, int(share * (high - low)))
+            there = values[max(low - 1, here - far, 0) : min(high, here + far) + 1]
+            some = there[np.unique(np.linspace(0, len(there) - 1, _NEAR_A_LIMIT).astype(int))]
+            out += ((some[1:] + some[:-1]) / 2).tolist()
+        return np.unique(np.array(out, float))
 
 
 def space_of(mismatch: Mismatch) -> Space | None:
@@ -262,6 +284,41 @@ def gains_together(grid: Grid, rows: Float32, residual: Float32) -> Float32:
             for m in range(j, k):
                 gram[j, m] -= share * gram[i, m]
     return gain
+
+
+def gains_of_intervals(
+    rows: Float32, k: int, Q: Float32, residual: Float32, sign: float = 0.0
+) -> tuple[Int1D, Int1D, Float1D]:
+    """First and last class of every interval of classes, and what k columns would take away there together.
+
+    rows : (k * classes, n) – whitened rows of each column within each class; Q : (q, n) – orthonormal, what is in the
+    model; residual : (n,); sign : of the amplitude of one column, 0 where it may have any
+    """
+    size = np.sqrt(np.einsum("ij,ij->i", rows, rows).reshape(k, -1).sum(axis=1))
+    rows = rows / np.repeat(np.where(size > 0, size, 1.0), len(rows) // k)[:, None].astype(np.float32)
+    onto = rows @ Q.T
+    count = len(rows) // k
+    gram = np.asarray(rows @ rows.T - onto @ onto.T, float).reshape(k, count, k, count)
+    sums = np.zeros((k, count + 1, k, count + 1))
+    sums[:, 1:, :, 1:] = gram.cumsum(axis=1).cumsum(axis=3)
+    along = np.zeros((k, count + 1))
+    along[:, 1:] = np.asarray(rows @ residual, float).reshape(k, count).cumsum(axis=1)
+    first, last = np.triu_indices(count)
+    i, j = first, last + 1
+    left = (sums[:, j, :, j] - sums[:, i, :, j] - sums[:, j, :, i] + sums[:, i, :, i]).reshape(-1, k, k)
+    inner = (along[:, j] - along[:, i]).T
+    own = np.einsum("mii->mi", left)
+    # What is not there, or in the model already, takes nothing away.
+    seen = own > _THERE
+    left = left * seen[:, :, None] * seen[:, None, :]
+    scale = np.where(seen, own, 1.0)
+    np.einsum("mii->mi", left)[:] = np.where(seen, own * (1 + _ALONE), 1.0)
+    inner = inner * seen
+    gain: Float1D = np.einsum(
+        "mi,mi->m", inner, np.linalg.solve(left / scale[:, :, None], (inner / scale)[..., None])[..., 0]
+    )
+    gain[inner[:, 0] * sign < 0] = 0.0
+    return first, last, gain
 
 
 def _of_unit_length(rows: Float32) -> Float32:

@@ -20,7 +20,7 @@ from pido.diagnosis.late import Lagged
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.misfit import AT_STOPS, MISFIT, MISFIT_PLAIN, acting
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.regions import within_same_limits
+from pido.diagnosis.regions import with_own_limits, within_same_limits
 from pido.diagnosis.select import refine, shortlist_of
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unnamed import best_nameless
@@ -232,7 +232,9 @@ def _without_places(library: Library, terms: list[Term]) -> list[Term]:
         return terms
     changing = _without_mean(library, terms[at])
     rest = [t for k, t in enumerate(terms) if k != at]
-    trial = [*terms[:at], replace(coulomb, gates=terms[at].gates), *terms[at + 1 :]]
+    assert library.noise is not None
+    steady = with_own_limits(library, basis(library, library.noise, rest), replace(coulomb, gates=terms[at].gates))
+    trial = [*terms[:at], steady, *terms[at + 1 :]]
     none, flat, whole = _left(library.mismatch, rest, trial, terms)
     if not (1 + VARIES**2) * (none - flat) > none - whole > 0:
         return terms

@@ -9,13 +9,23 @@ shape: so every shape of every mechanism is asked in every box of a coarse grid,
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.boxes import Float32, Grid, Places, Space, gains_of_each, gains_together, grid_at
+from pido.diagnosis.boxes import (
+    Float32,
+    Grid,
+    Places,
+    Space,
+    gains_of_each,
+    gains_of_intervals,
+    gains_together,
+    grid_at,
+    some_of,
+)
 from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.library import Basis, Library, Score
 from pido.diagnosis.select import refine
@@ -28,8 +38,8 @@ _SHAPES = 3  # of a mechanism that are scored in their best box
 _NAMES = 6  # mechanisms that are scored
 _FINALISTS = 3  # mechanisms whose limits and shape are moved
 _ROUNDS = 4
-_STEPS = (-12, -6, -3, -1, 0, 1, 3, 6, 12)  # places by which a limit is moved
-_WITHIN = np.array([-0.4, -0.2, 0.2, 0.4])  # of the gap between two levels, by which a limit there is moved
+_SHARES = (1.0, 0.1, 0.01)  # of the values between two places, among which a limit is moved at last
+_NEAR = 6  # places, on either side of a limit, that are tried with those spread over all
 _REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where, not to how fast
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
 _BEFORE = 2.5  # times a row itself, in units of noise, that the whitened row may be
@@ -63,6 +73,12 @@ def within_same_limits(library: Library, current: Basis, term: Term, taken: Coll
     return [s for _, other in likeliest if (s := library.score(other, current)) is not None]
 
 
+def with_own_limits(library: Library, current: Basis, term: Term) -> Term:
+    """`term`, whose limits fitted another law, with those that fit it best itself."""
+    score = library.score(term, current) if term.gates else None
+    return term if score is None or library.space is None else _settle(library, current, score, library.space).term
+
+
 def _grid_of(space: Space, term: Term) -> Grid:
     """The boxes between the limits of a term."""
     limits = {v: np.unique([_limit(g) for g in term.gates if g.variable == v]) for v in space.variables}
@@ -76,8 +92,10 @@ def _best_on(space: Space, grid: Grid, library: Library, current: Basis, taken: 
         if score is not None and (term.name not in best or score.bic < best[term.name].bic):
             best[term.name] = score
     boxed = [_in_its_box(library, current, score, space.fine) for score in best.values()]
-    settled = [_settle(library, current, s, space.places) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
-    return min((s for s in settled if s.term.gates), key=_price, default=None)
+    boxed = [_sharpen(library, current, score, space) for score in boxed]
+    settled = [_settle(library, current, s, space) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
+    winner = min((s for s in settled if s.term.gates), key=_price, default=None)
+    return None if winner is None else _otherwise(library, current, winner, space)
 
 
 def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Score:
@@ -116,10 +134,14 @@ def _promising(library: Library, current: Basis, taken: Collection[str], grid: G
 
 def _charge_of_limits(library: Library, current: Basis, grid: Grid) -> Float1D:
     """(boxes,) – BIC that the limits of each box have to bring; inf of the one that is all of the space."""
-    searched = library.charge(Term(LEVEL, gates=(Gate("AR"),))) - library.charge(Term(LEVEL))
-    charge = grid.limits * (searched + np.log(current.n) + _LIMIT_WORTH)
+    charge = np.asarray(grid.limits * _charge_of_limit(library, current), float)
     charge[grid.limits == 0] = np.inf
     return charge
+
+
+def _charge_of_limit(library: Library, current: Basis) -> float:
+    searched = library.charge(Term(LEVEL, gates=(Gate("AR"),))) - library.charge(Term(LEVEL))
+    return searched + float(np.log(current.n)) + _LIMIT_WORTH
 
 
 def _worth(current: Basis, gain: Float32, limits: Float1D) -> Float1D:
@@ -175,45 +197,89 @@ def _sign(library: Library, term: Term) -> float:
     return library.polarity if one_side else 0.0
 
 
-def _settle(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
+def _settle(library: Library, current: Basis, score: Score, space: Space) -> Score:
     """Limits and shape moved to where they fit best, without the limits that are not worth it."""
     best = score
     for _ in range(_ROUNDS):
         former = best
-        best = refine(library, current, _sharpen(library, current, best, places))
-        best = _fewer_limits(library, current, best)
+        best = refine(library, current, _sharpen(library, current, best, space))
         if best.bic > former.bic - 1.0:
             break
+    for share in _SHARES:
+        best = _sharpen(library, current, best, space, share)
     return best
 
 
-def _fewer_limits(library: Library, current: Basis, score: Score) -> Score:
-    """Without the limits that are not worth it, the least useful first."""
+def _sharpen(library: Library, current: Basis, score: Score, space: Space, share: float = 0.0, but: str = "") -> Score:
+    """The best interval of one variable after another, the most worth first.
+
+    share : of the values between two places, between which the limits there are are moved; 0: at places only
+    but : a variable that is left as it is
+    """
+    while True:
+        found = []
+        for variable, at in space.places.items():
+            if variable == but:
+                continue
+            own = [_limit(g) for g in score.term.gates if g.variable == variable]
+            limits = space.between_rows(variable, own, share) if share else _limits_near(at, own)
+            if len(limits):
+                found.append(_best_interval(library, current, score, variable, limits, space))
+        best = min(found, key=_with_limits, default=score)
+        if _with_limits(best) > _with_limits(score) - 1.0:
+            return score
+        score = best
+
+
+def _otherwise(library: Library, current: Basis, score: Score, space: Space) -> Score:
+    """The same term without the limits of one variable, and the others moved: limits of two variables may stand for
+    those of a third."""
     best = score
-    while best.term.gates:
-        gates = best.term.gates
-        fewer = [replace(best.term, gates=gates[:k] + gates[k + 1 :]) for k in range(len(gates))]
-        scores = [s for t in fewer if (s := library.score(t, current)) is not None]
-        nearest = min(scores, key=lambda s: s.bic, default=None)
-        if nearest is None or nearest.bic > best.bic + _LIMIT_WORTH:
-            break
-        best = nearest
-    return best
+    for variable in {g.variable for g in score.term.gates}:
+        rest = tuple(g for g in score.term.gates if g.variable != variable)
+        open_ = library.score(replace(score.term, gates=rest), current)
+        if open_ is not None:
+            best = min(best, _sharpen(library, current, open_, space, but=variable), key=_with_limits)
+    return best if best is score else _settle(library, current, best, space)
 
 
-def _sharpen(library: Library, current: Basis, score: Score, places: Mapping[str, Places]) -> Score:
-    """Each limit moved to where it fits best near by."""
-    best = score
-    for k, gate in enumerate(score.term.gates):
-        at = places[gate.variable]
-        here = int(np.argmin(np.abs(at.limits - _limit(gate))))
-        near = at.limits[[i for by in _STEPS if 0 <= (i := here + by) < len(at.limits)]]
-        for value in np.r_[near, at.limits[here] + at.gaps[here] * _WITHIN]:
-            moved = replace(gate, **{"low" if np.isfinite(gate.low) else "high": float(value)})
-            gates = (*best.term.gates[:k], moved, *best.term.gates[k + 1 :])
-            found = library.score(replace(best.term, gates=gates), current)
-            best = found if found is not None and found.bic < best.bic else best
-    return best
+def _limits_near(places: Places, limits: list[float]) -> Float1D:
+    """Some of all places, and all that are near one of `limits`."""
+    near = [places.limits[max(0, k - _NEAR) : k + _NEAR + 1] for k in np.searchsorted(places.limits, limits)]
+    return np.unique(np.concatenate([some_of(places), *near]))
+
+
+def _best_interval(
+    library: Library, current: Basis, score: Score, variable: str, limits: Float1D, space: Space
+) -> Score:
+    """The same term between the limits of one variable that fit best, its other limits as they are.
+
+    Nothing is approximated: between two limits, whitened rows are the sum of those of the classes there.
+    """
+    assert library.noise is not None
+    others = tuple(g for g in score.term.gates if g.variable != variable)
+    columns = library.columns(replace(score.term, gates=others)).astype(np.float32)
+    cell = np.searchsorted(limits, space.variables[variable], side="right")
+    each = columns[:, None] * (cell == np.arange(len(limits) + 1)[:, None])  # (k, classes, n)
+    whitened = library.noise.whiten(each.reshape(-1, each.shape[-1]))
+    sign = _sign(library, score.term) if len(columns) == 1 else 0.0
+    first, last, gain = gains_of_intervals(whitened, len(columns), current.Q32, current.residual32, sign)
+    # What is narrower than the least step between two levels is no range of speeds, but where a sign turns.
+    low, high = np.r_[-np.inf, limits][first], np.r_[limits, np.inf][last]
+    gain[high - low < space.places[variable].gaps.min()] = 0.0
+    count = (first > 0).astype(int) + (last < len(limits)) + len(others)
+    worth = -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - count * _charge_of_limit(library, current)
+    k = int(np.argmax(worth))
+    sides = [Gate(variable, low=float(limits[first[k] - 1]))] if first[k] > 0 else []
+    sides += [Gate(variable, high=float(limits[last[k]]))] if last[k] < len(limits) else []
+    gates = (*others, *sides)
+    found = None if set(gates) == set(score.term.gates) else library.score(replace(score.term, gates=gates), current)
+    return found if found is not None and _with_limits(found) < _with_limits(score) else score
+
+
+def _with_limits(score: Score) -> float:
+    """BIC, and what each limit must bring beyond it."""
+    return score.bic + _LIMIT_WORTH * len(score.term.gates)
 
 
 def _limit(gate: Gate) -> float:

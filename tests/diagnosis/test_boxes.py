@@ -5,7 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pido.diagnosis.boxes import cuts_of, fine_cuts_of, gains_of_each, gains_together, grid_at, places_in, places_of
+from pido.diagnosis.boxes import (
+    cuts_of,
+    fine_cuts_of,
+    gains_of_each,
+    gains_of_intervals,
+    gains_together,
+    grid_at,
+    places_in,
+    places_of,
+)
 
 
 def variables(rng, n=400):
@@ -79,3 +88,22 @@ def test_a_variable_that_mostly_stays_at_one_value_is_cut_where_the_other_rows_d
     fine = fine_cuts_of({"AR": places})["AR"]
     assert set(fine) <= set(places.limits)
     assert len(np.unique(fine)) == len(fine) <= 16
+
+
+def test_what_two_columns_take_away_between_limits_is_the_least_squares_fit_beside_the_model():
+    rng = np.random.default_rng(3)
+    n, classes = 600, 5
+    cell = rng.integers(0, classes, n)
+    columns, base = rng.normal(size=(2, n)), rng.normal(size=(1, n))
+    Q = base / np.linalg.norm(base)
+    y = 2.0 * columns[0] * (cell >= 1) * (cell <= 3) + rng.normal(size=n)
+    residual = y - (Q @ y) @ Q
+    rows = (columns[:, None] * (cell == np.arange(classes)[:, None])).reshape(-1, n)
+    single = [a.astype(np.float32) for a in (rows, Q, residual)]
+    first, last, gain = gains_of_intervals(single[0], 2, *single[1:])
+    for i, j, g in zip(first, last, gain, strict=True):
+        X = np.concatenate([Q, columns * ((cell >= i) & (cell <= j))])
+        left = y - np.linalg.lstsq(X.T, y, rcond=None)[0] @ X
+        assert g == pytest.approx(residual @ residual - left @ left, rel=5e-3, abs=0.5)
+    best = int(np.argmax(gain))
+    assert (first[best], last[best]) == (1, 3)

@@ -10,10 +10,11 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import even
 from pido.diagnosis.forms import fewest
-from pido.diagnosis.library import Library
+from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.regions import best_region
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, inside
@@ -183,3 +184,18 @@ def test_what_grows_with_the_speed_of_another_axis_is_one_law_of_it_and_not_two_
     (one,) = fewest(library, even(mismatch), boxes)
     assert one.name == "unknown"
     assert one.mechanism.reads == {"v_x", "v_y"}
+
+
+def test_a_box_is_no_narrower_than_the_least_step_between_levels():
+    """Where a sign turns smoothly, a sliver of speeds around standstill would mend it."""
+    states = axis_states(list(recordings(5, 50.0)), "x")
+    rng = np.random.default_rng(5)
+    effects = [0.5 * s.v * (np.abs(s.v) < 0.2) for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, 0.01, len(e)) for e in effects])
+    library = Library(mismatch, [Term(next(m for m in CATALOGUE if m.id == "viscous_friction"))])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, 0.01), 1.0, mismatch.usable)
+    library.whiten(noise)
+    found = best_region(library, basis(library, noise, []))
+    limits = [v for g in (found.term.gates if found else ()) if g.variable == "v_x" for v in (g.low, g.high)]
+    ends = [v for v in limits if np.isfinite(v)]
+    assert len(ends) < 2 or np.ptp(ends) > 0.01 * np.ptp(np.concatenate([s.v for s in states]))
