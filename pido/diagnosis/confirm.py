@@ -59,6 +59,8 @@ def p_value(model: Whitened, which: int, block: Int1D, pooled: bool = False, lea
     others = np.delete(model.X, np.r_[own], axis=0)
     X = model.X[own]
     X = X[np.any(X, axis=1)]  # a form does without some amplitudes: no question is asked of them
+    if not len(X):
+        return 1.0
     if len(others):
         weights = [solve(others, x)[0] for x in X]
         X = X - np.asarray(weights) @ others

@@ -72,8 +72,9 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
             for value in p.values:
                 if value == dict(out[i].shape).get(p.name, 0.0):
                     break
-                trial = [*out[:i], out[i].with_shape(**{p.name: value}), *out[i + 1 :]]
-                if basis(library, noise, trial).bic < whole + 2.0:
+                plainer = out[i].with_shape(**{p.name: value})
+                trial = [*out[:i], plainer, *out[i + 1 :]]
+                if np.any(library.columns(plainer)) and basis(library, noise, trial).bic < whole + 2.0:
                     out = trial
                     break
     return out

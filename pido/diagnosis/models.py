@@ -217,8 +217,9 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"bends": signal, "seen": list(seen), "turns": turns}
         case Arm(place=place, signal=signal, unit=unit):
             own |= {"arm": place, "of": signal, "unit": unit}
-        case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics):
+        case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
             own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
+            own |= {"form": form}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut, level=level):
@@ -277,7 +278,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "waves" in own:
         place = str(own["waves"])
         length = str(own.get("length", "deg" if place == "pos_sp" else "mm"))  # models of before do not have
-        return Wave(place, length, str(own["signal"]), str(own["unit"]), int(own.get("harmonics", 1)))
+        carrier = (str(own["signal"]), str(own["unit"]))
+        return Wave(place, length, *carrier, int(own.get("harmonics", 1)), str(own.get("form", "u")))
     if "signal" in own:
         later = (bool(own.get(flag)) for flag in ("odd", "wide"))  # models of before do not have
         return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), *later)

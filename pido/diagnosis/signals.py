@@ -45,6 +45,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
     """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`.
 
     speeding, braking : 1 while the drive puts energy into the motion, while it takes it out; else 0
+    A speed within the dead band of its axis is none: its sign is noise.
 
     Raises DiagnosisError where one of `names` is not known.
     """
@@ -52,7 +53,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
     length, speed = ("deg", "deg/s") if spindle else ("mm", "mm/s")
     a = state.axis
     found: dict[str, tuple[Float1D | Callable[[], Float1D | None] | None, str]] = {
-        f"v_{a}": (state.v, speed),
+        f"v_{a}": (state.v * state.moving, speed),
         f"a_{a}": (state.a, f"{speed}²"),
         f"pos_{a}": (None if spindle else state.pos, length),
         **{f"pos_{axis}": (place, "mm") for axis, place in state.places.items() if axis != a},
@@ -83,7 +84,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
     }
     for name, other in state.others.items():
         if name != a:
-            found[f"v_{name}"] = (other.v, "deg/s" if name == "sp" else "mm/s")
+            found[f"v_{name}"] = (other.v * other.moving, "deg/s" if name == "sp" else "mm/s")
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
     out = {}
     for name in found if names is None else names:

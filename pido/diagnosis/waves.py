@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
-from pido.diagnosis.formulas import Unnamed
+from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.signals import LONG_S, signals
 from pido.diagnosis.state import AxisState
@@ -32,12 +32,14 @@ _HARMONICS = (1, 3, 6)  # what repeats itself need not be a sine
 _PER_WAVE = 4  # wave numbers tried per independent one
 _MOST = 1_200  # wave numbers of one travel
 
+Known = Mapping[str, tuple[Float1D, str]]  # signals with their units
+
 
 @dataclass(frozen=True)
 class Wave(Unnamed):
-    """dI = sum over n of (k_sn sin(2 pi n s / L) + k_cn cos(2 pi n s / L)) * u over a place s; without a signal u = 1.
+    """dI = sum over n of (k_sn sin(2 pi n s / L) + k_cn cos(2 pi n s / L)) * p(u) over a place s; without a signal 1.
 
-    harmonics : n from 1 to this
+    harmonics : n from 1 to this; form : p
     """
 
     place: str
@@ -45,6 +47,7 @@ class Wave(Unnamed):
     signal: str
     unit: str
     harmonics: int = 1
+    form: str = "u"
 
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -56,7 +59,7 @@ class Wave(Unnamed):
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        s, u = self.place, f" * {self.signal}" * bool(self.signal)
+        s, u = self.place, f" * {self._carrier}" * bool(self.signal)
         if self.harmonics == 1:
             wave = f"k_s sin(2 pi {s} / L) + k_c cos(2 pi {s} / L)"
             return f"dI = ({wave}){u}" if u else f"dI = {wave}"
@@ -65,7 +68,7 @@ class Wave(Unnamed):
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        per = f"A/({self.unit})" if self.unit != "–" else "A"
+        per = ampere_per(unit_of([(self.unit, self.form)]))
         count = [""] if self.harmonics == 1 else [str(n + 1) for n in range(self.harmonics)]
         return tuple(Parameter(f"k_{side}{n}", per) for n in count for side in "sc")
 
@@ -74,10 +77,14 @@ class Wave(Unnamed):
         s = known[self.place][0]
         angle = 2 * np.pi * s / shape["L"]
         rows = np.column_stack([f(n * angle) for n in range(1, self.harmonics + 1) for f in (np.sin, np.cos)])
-        return rows * _there(self.place, s, known[self.signal][0] if self.signal else 1.0)[:, None]
+        return rows * _there(self.place, s, _carried(known, self.signal, self.form))[:, None]
+
+    @property
+    def _carrier(self) -> str:
+        return written(self.signal, self.form)
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-        own = f", with {self.signal}" if self.signal else ""
+        own = f", with {self._carrier}" if self.signal else ""
         return f"repeating every {shape['L']:.3g} {self.length} of {self.place}{own}", ()
 
     def variants(self) -> tuple[Unnamed, ...]:
@@ -96,7 +103,7 @@ class Wave(Unnamed):
         return (max(p.max() for p in places) - min(p.min() for p in places)) / period
 
 
-def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Term]]:
+def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
     """The best period of every place and carrier, each with what it would take away by itself.
 
     known : signals in the rows of `few`
@@ -109,12 +116,12 @@ def waves(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> l
         carriers = _carriers(axis, known, place)
         if not len(numbers) or not carriers:
             continue
-        rows = np.array([_there(place, s, known[name][0] if name else 1.0) for name in carriers])
+        rows = np.array([_there(place, s, _carried(known, name, form)) for name, form in carriers])
         rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
         gain = np.array([_gains(rows, s, k, few) for k in 2 * np.pi * numbers]).T
-        for name, own in zip(carriers, gain, strict=True):
+        for (name, form), own in zip(carriers, gain, strict=True):
             best = int(np.argmax(own))
-            wave = Wave(place, known[place][1], name, known[name][1] if name else "–")
+            wave = Wave(place, known[place][1], name, known[name][1] if name else "–", form=form)
             found.append((float(own[best]), Term(wave, (("L", float(1 / numbers[best])),))))
     return found
 
@@ -145,13 +152,21 @@ def _wave_numbers(place: str, s: Float1D) -> Float1D:
     return np.arange(1.0, most, 1 / _PER_WAVE)[:_MOST] / travel
 
 
-def _carriers(axis: str, known: Mapping[str, tuple[Float1D, str]], place: str) -> list[str]:
-    """Signals: none, for a wave by itself; a friction along the axis; the loads on it. Over the axis' own place the
-    catalogue has a wave by itself and that of Coulomb's friction. Over its speed a wave goes by itself."""
+def _carriers(axis: str, known: Known, place: str) -> list[tuple[str, str]]:
+    """Signals and forms: none, for a wave by itself; a friction along the axis, which may hold at rest; the loads on
+    it. Over the axis' own place the catalogue has a wave by itself and that of Coulomb's friction. Over its speed a
+    wave goes by itself."""
     if place == f"v_{axis}":
-        return [""]
-    own = ("", f"held_{axis}") if place != f"pos_{axis}" else ()
-    return [name for name in (*own, f"v_{axis}", f"f_{axis}", f"I_{axis}", "M_sp") if not name or name in known]
+        return [("", "u")]
+    own = (("", "u"), (f"held_{axis}", "u"), (f"v_{axis}", "sgn u")) if place != f"pos_{axis}" else ()
+    loads = ((name, "u") for name in (f"v_{axis}", f"f_{axis}", f"I_{axis}", "M_sp"))
+    return [(name, form) for name, form in (*own, *loads) if not name or name in known]
+
+
+def _carried(known: Known, name: str, form: str) -> Float1D | float:
+    """What carries a wave, (n,): one where that is nothing."""
+    carried: Float1D | float = FORMS[form](known[name][0]) if name else 1.0
+    return carried
 
 
 def _gains(rows: Float2D, place: Float1D, number: float, few: Coarse) -> Float1D:
