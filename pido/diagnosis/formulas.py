@@ -351,8 +351,21 @@ def ampere_per(unit: str) -> str:
 
 
 def written(signal: str, form: str) -> str:
-    return (
-        form.replace("sgn u", f"sgn({signal})").replace("|u|", f"|{signal}|").replace("u", signal, 1)
-        if (form not in ("u|u|", "√|u| sgn u"))
-        else (f"{signal}·|{signal}|" if form == "u|u|" else f"√|{signal}|·sgn({signal})")
-    )
+    """A form of a signal in words.
+
+    >>> written("t_cut", "√|u|"), written("v_x", "√|u| sgn u"), written("v_x", "sgn u")
+    ('√|t_cut|', '√|v_x|·sgn(v_x)', 'sgn(v_x)')
+    """
+    return _WRITTEN[form].format(u=signal)
+
+
+_WRITTEN = {
+    "u": "{u}",
+    "|u|": "|{u}|",
+    "u²": "{u}²",
+    "u|u|": "{u}·|{u}|",
+    "sgn u": "sgn({u})",
+    "√|u|": "√|{u}|",
+    "√|u| sgn u": "√|{u}|·sgn({u})",
+    "u³": "{u}³",
+}

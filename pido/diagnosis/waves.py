@@ -27,6 +27,7 @@ _SPEEDS = 200  # classes of the speed
 _SPEEDS_PER_WAVE = 8.0  # classes that are met, at least
 _LEAST_OVER_SPEED = 3.0  # waves over all speeds: fewer are some friction
 _TURN = 360.0  # deg
+_SOME_REST = 0.02  # share of the rows in which an axis stands: with fewer, its last direction is the sign of its speed
 _OF_A_TURN = (1, 2, 3, 4, 5, 6)  # waves in one turn of the spindle: its own, and of as many teeth or poles
 _HARMONICS = (1, 3, 6)  # what repeats itself need not be a sine
 _PER_WAVE = 4  # wave numbers tried per independent one
@@ -153,13 +154,16 @@ def _wave_numbers(place: str, s: Float1D) -> Float1D:
 
 
 def _carriers(axis: str, known: Known, place: str) -> list[tuple[str, str]]:
-    """Signals and forms: none, for a wave by itself; a friction along the axis, which may hold at rest; the loads on
-    it. Over the axis' own place the catalogue has a wave by itself and that of Coulomb's friction. Over its speed a
+    """Signals and forms: none, for a wave by itself; a friction along the axis, held at rest or none there; the loads
+    on it. Over the axis' own place the catalogue has a wave by itself and that of Coulomb's friction. Over its speed a
     wave goes by itself."""
-    if place == f"v_{axis}":
+    speed = f"v_{axis}"
+    if place == speed:
         return [("", "u")]
-    own = (("", "u"), (f"held_{axis}", "u"), (f"v_{axis}", "sgn u")) if place != f"pos_{axis}" else ()
-    loads = ((name, "u") for name in (f"v_{axis}", f"f_{axis}", f"I_{axis}", "M_sp"))
+    stands = speed in known and np.mean(known[speed][0] == 0) > _SOME_REST
+    friction = ((f"held_{axis}", "u"), *([(speed, "sgn u")] if stands else []))
+    own = (("", "u"), *friction) if place != f"pos_{axis}" else ()
+    loads = ((name, "u") for name in (speed, f"f_{axis}", f"I_{axis}", "M_sp"))
     return [(name, form) for name, form in (*own, *loads) if not name or name in known]
 
 

@@ -96,6 +96,7 @@ def test_an_amplitude_that_a_form_does_without_asks_no_question():
     y += 0.15 * X[0]
     plain = p_value(Whitened(X, y, (slice(0, 2),)), 0, block)
     assert p_value(Whitened(np.vstack([X, np.zeros((2, 400))]), y, (slice(0, 4),)), 0, block) == pytest.approx(plain)
+    assert p_value(Whitened(np.vstack([X, np.zeros((1, 400))]), y, (slice(0, 2), slice(2, 3))), 1, block) == 1.0
 
 
 def test_the_false_discovery_rate_counts_questions_that_were_not_kept():

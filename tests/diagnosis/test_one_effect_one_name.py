@@ -26,6 +26,7 @@ from pido.diagnosis.timing import find_delay
 from pido.diagnosis.whiten import Noise, estimate_noise
 from pido.physics.drive import answered_late
 from pido.physics.friction import dahl_state
+from tests.diagnosis.planted import planted
 
 NOISE = 0.02
 BY_ID = {m.id: m for m in CATALOGUE}
@@ -127,6 +128,15 @@ def test_the_pieces_of_a_friction_that_turns_over_a_long_way_are_put_together_by
     (term,) = fewest(library, noise, pieces)
     assert term.name == "presliding_hysteresis"
     assert dict(term.shape)["full"] == 1.0
+
+
+def test_a_form_that_is_nothing_in_these_recordings_is_no_plainer_form():
+    """`axis_coupling` of x with x itself comes first in its list."""
+    library, noise = planted(lambda s: s.pos, strength=1e-6)
+    mechanism = BY_ID["axis_coupling"]
+    felt = Term(mechanism, (("source", 4.0),))  # speed of y, which does nothing here
+    (term,) = plainest(library, noise, [felt])
+    assert np.any(term.columns(library.mismatch.states))
 
 
 def test_a_ripple_that_a_drive_answers_late_is_no_friction_along_the_travel():

@@ -101,6 +101,27 @@ def test_a_drag_that_grows_until_the_guideway_is_greased_repeats_along_the_way()
     assert dict(term.shape)["L"] == pytest.approx(40.0, rel=0.02)
 
 
+def test_a_speed_within_the_dead_band_is_none_of_any_axis():
+    rng = np.random.default_rng(2)
+    speed = np.r_[np.full(300, 5.0), np.zeros(300), np.full(300, -5.0), np.zeros(300)]
+    noisy = {f"v_{axis}": speed + rng.normal(0, 0.01, len(speed)) for axis in "xy"}
+    known = signals(state_of(**noisy), ["v_x", "v_y"])
+    for name, recorded in noisy.items():
+        np.testing.assert_array_equal(known[name][0], np.where(speed == 0, 0.0, recorded))
+
+
+def test_a_friction_that_repeats_along_the_way_and_holds_nothing_at_rest_is_carried_by_the_sign_of_the_speed():
+    def lame_ball(state):
+        return np.sin(2 * np.pi * state.way / 4.3) * state.held * state.moving
+
+    term = found_in(lame_ball, stops=True)
+    assert isinstance(term.mechanism, Wave)
+    assert (term.mechanism.place, term.mechanism.signal, term.mechanism.form) == ("way_x", "v_x", "sgn u")
+    assert term.mechanism.equation.endswith("* sgn(v_x)")
+    model = AxisModel("x", NOISE, (term,), (np.ones(len(term.mechanism.amplitudes)),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
 def test_what_repeats_itself_over_the_speed_is_one_law_and_not_a_name_for_every_speed():
     term = found_in(lambda s: np.sin(2 * np.pi * s.v / 3.3))
     assert isinstance(term.mechanism, Wave)
