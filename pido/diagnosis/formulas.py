@@ -211,6 +211,16 @@ FORMS: Mapping[str, Any] = {
     "√|u| sgn u": lambda u: np.sqrt(np.abs(u)) * np.sign(u),
     "u³": lambda u: u**3,
 }
+_WRITTEN = {
+    "u": "{u}",
+    "|u|": "|{u}|",
+    "u²": "{u}²",
+    "u|u|": "{u}·|{u}|",
+    "sgn u": "sgn({u})",
+    "√|u|": "√|{u}|",
+    "√|u| sgn u": "√|{u}|·sgn({u})",
+    "u³": "{u}³",
+}
 _POWER = {"u": 1.0, "|u|": 1.0, "u²": 2.0, "u|u|": 2.0, "sgn u": 0.0, "√|u|": 0.5, "√|u| sgn u": 0.5, "u³": 3.0}
 
 
@@ -357,15 +367,3 @@ def written(signal: str, form: str) -> str:
     ('√|t_cut|', '√|v_x|·sgn(v_x)', 'sgn(v_x)')
     """
     return _WRITTEN[form].format(u=signal)
-
-
-_WRITTEN = {
-    "u": "{u}",
-    "|u|": "|{u}|",
-    "u²": "{u}²",
-    "u|u|": "{u}·|{u}|",
-    "sgn u": "sgn({u})",
-    "√|u|": "√|{u}|",
-    "√|u| sgn u": "√|{u}|·sgn({u})",
-    "u³": "{u}³",
-}
