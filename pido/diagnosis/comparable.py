@@ -7,7 +7,7 @@ An axis that cannot be judged is left out with its reason, so that the others ge
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -61,13 +61,14 @@ def in_order(recordings: Sequence[Recording], notes: list[str]) -> list[Recordin
 def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: list[str]) -> list[str]:
     """Axes that every part recorded and simulated (or none simulated). Raises DiagnosisError where there is none."""
     axes, reasons = [], []
+    bands = dead_bands(parts, machine)
     for axis in AXES:
         if not any(CURRENT[axis] in r and np.isfinite(r[CURRENT[axis]]).any() for r in parts):
             continue
         reason = _no_current(parts, axis) or _no_overlap(parts, axis, notes) or _nothing_to_explain_it(parts, axis)
         if reason is None:
             axes.append(axis)
-            notes += _little_motion(parts, axis, machine)
+            notes += _little_motion(parts, axis, bands)
         else:
             reasons.append(f"axis {axis} is left out: {reason}")
     simulated = [a for a in axes if CURRENT_SIM[a] in parts[0]]
@@ -170,8 +171,7 @@ def _nothing_to_explain_it(parts: Sequence[Recording], axis: str) -> str | None:
     return None
 
 
-def _little_motion(parts: Sequence[Recording], axis: str, machine: Machine | None) -> list[str]:
-    bands = dead_bands(parts, machine)
+def _little_motion(parts: Sequence[Recording], axis: str, bands: Mapping[str, float]) -> list[str]:
     found = [motion(r, axis, bands) for r in parts]
     if all(m is None for m in found):
         return [

@@ -25,7 +25,7 @@ _FORM = 0.02  # of an amplitude: no textbook form is a machine's to better than 
 _STEP = 0.02  # relative, of a shape parameter
 LAG = "lag"
 _NORMAL_95 = 1.96
-LONGEST_LAG_S, LONGEST_LAG_STEPS = 0.5, 5.0  # what comes later is answered by no loop of a drive
+LONGEST_LAG_S, _LONGEST_LAG_STEPS = 0.5, 5.0  # what comes later is answered by no loop of a drive
 _STEPS = 8  # Gauss-Newton
 
 
@@ -199,7 +199,7 @@ def _moved(mismatch: Mismatch, term: Term, moves: dict[str, float], share: float
             high = (np.inf if p.high is None else p.high) if high == value else high
             shape[p.name] = float(np.clip(new, min(low, value), max(high, value)))
     lag = term.lag * float(np.exp(np.clip(share * moves.get(LAG, 0.0), -0.7, 0.7)))
-    lag = min(lag, max(LONGEST_LAG_S, LONGEST_LAG_STEPS * mismatch.step, term.lag))
+    lag = min(lag, max(LONGEST_LAG_S, _LONGEST_LAG_STEPS * mismatch.step, term.lag))
     return replace(term, shape=tuple(shape.items()), lag=lag)
 
 

@@ -128,7 +128,7 @@ def axis_states(
     machine : gives dead bands, leads and the vertical axis where a part's own data do not
     bands : the dead bands of `dead_bands` where they were read before, from other parts of the same machine
     """
-    bands = {**dead_bands(recordings, machine), **(bands or {})}
+    bands = dead_bands(recordings, machine, bands)
     worn: dict[str, tuple[float, float]] = {}
     past: list[tuple[float, float]] = []
     clock_known = True
@@ -258,13 +258,19 @@ def _speed(recording: Recording, axis: str) -> Float1D | None:
     return np.gradient(np.unwrap(pos, period=360.0) if axis == "sp" else pos, recording.time)
 
 
-def dead_bands(recordings: Sequence[Recording], machine: Machine | None = None) -> dict[str, float]:
+def dead_bands(
+    recordings: Sequence[Recording], machine: Machine | None = None, known: Mapping[str, float] | None = None
+) -> dict[str, float]:
     """Speed at or below which each axis with a speed stands still: the machine's, or what all recordings together say.
+
+    known : bands that were read before, from other parts of the same machine
 
     One recording says little of an axis that hardly moves in it, and that axis has one band wherever it moves.
     """
-    speeds = {a: [v for r in recordings if (v := _speed(r, a)) is not None] for a in AXES}
-    return {a: _dead_band(v, a) if machine is None else machine.dead_band(a) for a, v in speeds.items() if v}
+    known = known or {}
+    speeds = {a: [v for r in recordings if (v := _speed(r, a)) is not None] for a in AXES if a not in known}
+    read = {a: _dead_band(v, a) if machine is None else machine.dead_band(a) for a, v in speeds.items() if v}
+    return {**read, **known}
 
 
 def _dead_band(speeds: Sequence[Float1D], axis: str) -> float:
