@@ -283,6 +283,17 @@ def test_friction_at_standstill_is_only_described_by_terms_that_remember():
     assert np.sqrt(np.mean((fit.predict(standing)[:, 0] - currents[:, 0]) ** 2)) < 0.07
 
 
+def test_friction_that_rises_towards_rest_is_described_by_terms_that_fall_with_speed():
+    rng = np.random.default_rng(3)
+    samples = rows(1500)
+    inputs = samples.inputs.copy()
+    inputs[:, 0] = np.sign(inputs[:, 0]) * 10.0 ** rng.uniform(-2, 1, len(samples))  # mm/s
+    friction = np.sign(inputs[:, 0]) * (0.5 + np.exp(-((inputs[:, 0] / 0.3) ** 2)))
+    currents = friction[:, None] * [1.0, 0, 0, 0] + rng.normal(scale=0.05, size=samples.currents.shape)
+    falling = replace(samples, inputs=inputs, currents=currents, direction=np.sign(inputs[:, [0, 1, 2, 6]]))
+    assert choose(falling, MILL).near[0].terms.id == "friction"
+
+
 class _Ripple:
     name = "ripple"
 
