@@ -215,8 +215,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
         case Bend(signal=signal, seen=seen, turns=turns):
             own |= {"bends": signal, "seen": list(seen), "turns": turns}
-        case Arm(place=place, signal=signal, unit=unit):
-            own |= {"arm": place, "of": signal, "unit": unit}
+        case Arm(place=place, signal=signal, unit=unit, length=length):
+            own |= {"arm": place, "of": signal, "unit": unit, "length": length}
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
             own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
             own |= {"form": form}
@@ -274,7 +274,7 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "arm" in own:
-        return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]))
+        return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), str(own.get("length", "mm")))
     if "waves" in own:
         place = str(own["waves"])
         length = str(own.get("length", "deg" if place == "pos_sp" else "mm"))  # models of before do not have

@@ -25,6 +25,9 @@ _SHORTEST_MM = 2.0  # pitch of the finest ball screws
 _SHORTEST_S = 0.2
 _SPEEDS = 200  # classes of the speed
 _SPEEDS_PER_WAVE = 8.0  # classes that are met, at least
+_PLACES_PER_WAVE = 8.0
+_LEAST_PLACES = 12.0  # at which what carries a wave is, counted by its power: one wave and a half
+_LOOKED_AT = 40  # wave numbers of one travel, best first
 _LEAST_OVER_SPEED = 3.0  # waves over all speeds: fewer are some friction
 _TURN = 360.0  # deg
 _SOME_REST = 0.02  # share of the rows in which an axis stands: with fewer, its last direction is the sign of its speed
@@ -120,11 +123,27 @@ def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
         rows = np.array([_there(place, s, _carried(known, name, form)) for name, form in carriers])
         rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
         gain = np.array([_gains(rows, s, k, few) for k in 2 * np.pi * numbers]).T
-        for (name, form), own in zip(carriers, gain, strict=True):
-            best = int(np.argmax(own))
+        for (name, form), row, own in zip(carriers, rows, gain, strict=True):
+            best = _best_that_is_met(place, s, row**2, numbers, own)
+            if best is None:
+                continue
             wave = Wave(place, known[place][1], name, known[name][1] if name else "–", form=form)
             found.append((float(own[best]), Term(wave, (("L", float(1 / numbers[best])),))))
     return found
+
+
+def _best_that_is_met(place: str, s: Float1D, power: Float1D, numbers: Float1D, gain: Float1D) -> int | None:
+    """The wave number that takes most away of those whose waves are met at many places, (n,) – of what carries them:
+    a few places are met by some wave whatever happens at each of them."""
+    ranked = np.argsort(-gain)[:_LOOKED_AT]
+    if place == "pos_sp" or place.startswith("v_"):
+        return int(ranked[0])
+    for k in ranked:
+        at = np.floor((s - s.min()) * numbers[k] * _PLACES_PER_WAVE).astype(int)
+        there = np.bincount(at, power)
+        if there.sum() ** 2 >= _LEAST_PLACES * (there @ there) > 0:
+            return int(k)
+    return None
 
 
 def _times(axis: str) -> tuple[str, ...]:
