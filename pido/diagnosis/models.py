@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT_SIM
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
-from pido.diagnosis.arms import Arm
+from pido.diagnosis.arms import Arm, Eased
 from pido.diagnosis.baseline import equation_names, equation_rows
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing
@@ -215,8 +215,10 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
         case Bend(signal=signal, seen=seen, turns=turns):
             own |= {"bends": signal, "seen": list(seen), "turns": turns}
-        case Arm(place=place, signal=signal, unit=unit, length=length):
-            own |= {"arm": place, "of": signal, "unit": unit, "length": length}
+        case Arm(place=place, signal=signal, unit=unit, length=length, by=by, form=form):
+            own |= {"arm": place, "of": signal, "unit": unit, "length": length, "by": by, "form": form}
+        case Eased(by=by, signal=signal, form=form, unit=unit, of=of):
+            own |= {"eased": by, "carries": signal, "form": form, "unit": unit, "of": of}
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
             own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
             own |= {"form": form}
@@ -274,15 +276,18 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
         return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
     if "arm" in own:
-        return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), str(own.get("length", "mm")))
+        later = (str(own.get(k, other)) for k, other in (("length", "mm"), ("by", "u"), ("form", "u")))
+        return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), *later)
+    if "eased" in own:
+        return Eased(*(str(own[k]) for k in ("eased", "carries", "form", "unit", "of")))
     if "waves" in own:
         place = str(own["waves"])
         length = str(own.get("length", "deg" if place == "pos_sp" else "mm"))  # models of before do not have
         carrier = (str(own["signal"]), str(own["unit"]))
         return Wave(place, length, *carrier, int(own.get("harmonics", 1)), str(own.get("form", "u")))
     if "signal" in own:
-        later = (bool(own.get(flag)) for flag in ("odd", "wide"))  # models of before do not have
-        return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), *later)
+        flags = (bool(own.get(flag)) for flag in ("odd", "wide"))  # models of before do not have
+        return Peak(str(own["signal"]), str(own["unit"]), bool(own["even"]), *flags)
     if "bends" in own:
         seen = (float(own["seen"][0]), float(own["seen"][1]))
         return Bend(str(own["bends"]), seen, str(own.get("turns", "")))  # models of before do not turn

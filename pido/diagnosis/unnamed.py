@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.arms import arms
+from pido.diagnosis.arms import arms, eased
 from pido.diagnosis.bends import bends
 from pido.diagnosis.confirm import less_error, no_more_error, plain_errors
 from pido.diagnosis.dynamics import Ringing, ringing_terms
@@ -244,10 +244,12 @@ def _ranked_surfaces(every: Sequence[Surface], known: Mapping[str, tuple[Float1D
 
 
 def _ranked(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
-    """Formulas, peaks, bends, arms and waves by what each takes away from the coarse residual alone, best first."""
+    """Formulas, peaks, bends, arms, what is eased and waves by what each takes away from the coarse residual alone,
+    best first."""
     gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
     gains += [(gain, Term(law)) for gain, law in (*bends(axis, known, few), *arms(axis, known, few))]
+    gains += eased(axis, known, few)
     gains += waves(axis, known, few)
     return [t for _, t in sorted(gains, key=lambda g: -g[0])]
 

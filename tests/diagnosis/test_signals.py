@@ -7,6 +7,8 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.arms import Arm, Eased
+from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import Formula
 from pido.diagnosis.late import Lagged, Modulated
 from pido.diagnosis.library import Library, basis
@@ -17,8 +19,8 @@ from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unnamed import with_unknown
-from pido.diagnosis.waves import Wave
-from tests.diagnosis.planted import NOISE, found_in, part, white
+from pido.diagnosis.waves import Wave, waves
+from tests.diagnosis.planted import NOISE, VISCOUS, found_in, part, white
 
 
 def state_of(**columns) -> AxisState:
@@ -120,6 +122,50 @@ def test_a_friction_that_repeats_along_the_way_and_holds_nothing_at_rest_is_carr
     assert term.mechanism.equation.endswith("* sgn(v_x)")
     model = AxisModel("x", NOISE, (term,), (np.ones(len(term.mechanism.amplitudes)),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
+def test_a_film_that_another_axis_lifts_eases_a_friction_by_one_law():
+    def lifted(state):
+        return (np.exp(-np.abs(state.others["y"].v) / 1.2) - 0.4) * state.held * state.moving
+
+    term = found_in(lifted, strength=4.0, stops=True)
+    assert term.mechanism == Eased("v_y", "v_x", "sgn u", "mm/s", "mm/s")
+    assert dict(term.shape)["c"] == pytest.approx(1.2, rel=0.15)
+    model = AxisModel("x", NOISE, (term,), (np.ones(2),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+
+
+def test_a_load_that_coolant_eases_is_one_law_beside_what_the_simulation_takes_for_its_mean():
+    states = axis_states([part(k) for k in range(4)], "x")
+    rng = np.random.default_rng(1)
+    states = [
+        replace(
+            s, force=rng.normal(40, 15, len(s.v)), coolant=(np.arange(len(s.v)) // (400 + 90 * k) % 2).astype(float)
+        )
+        for k, s in enumerate(states)
+    ]
+    states = [replace(s, forces={"x": s.force}) for s in states]
+    mismatch = lay_out(states, [0.004 * s.force * (0.45 - s.coolant) + rng.normal(0, NOISE, len(s.v)) for s in states])
+    noise = white(mismatch)
+    library = Library(mismatch, [Term(VISCOUS)])
+    library.whiten(noise)
+    (term,), _ = with_unknown(library, noise, [], 0)
+    assert term.mechanism == Arm("coolant", "f_x", "N", "–")
+    assert term.mechanism.equation == "dI = (k_0 + k_1 * coolant) * f_x"
+    np.testing.assert_allclose(fit(mismatch, noise, [term]).amplitudes[0], [0.0018, -0.004], rtol=0.1)
+
+
+def test_a_few_places_are_no_wave():
+    """What differs from level to level of the tool is met by some wave, whatever it is."""
+    rng = np.random.default_rng(3)
+    level = np.repeat([0.0, 3.1, 8.7, 13.2], 500)
+    few = Coarse(np.arange(2000), level % 2.0 + rng.normal(0, 0.1, 2000), np.ones(2000))
+    moved = level + rng.uniform(-0.05, 0.05, 2000)
+    everywhere = rng.uniform(0, 13.2, 2000)
+    wave = Coarse(few.rows, np.sin(2 * np.pi * everywhere / 3.0), few.weights)
+    assert waves("x", {"pos_z": (moved, "mm")}, few) == []
+    ((_, term),) = waves("x", {"pos_z": (everywhere, "mm")}, wave)
+    assert dict(term.shape)["L"] == pytest.approx(3.0, rel=0.04)
 
 
 def test_what_repeats_itself_over_the_speed_is_one_law_and_not_a_name_for_every_speed():
