@@ -152,7 +152,8 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
         terms = _retried(library, noise, wider, terms, answer, questions)
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
-    for better in (likelier, fewest, plainest):
+    # One that takes the place of several is asked once more for likelier ones.
+    for better in (likelier, fewest, likelier, plainest):
         terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
     if terms:
