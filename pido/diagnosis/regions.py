@@ -56,7 +56,7 @@ def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -
         return None
     # Once its limits are known, other laws can be asked within the same.
     again = _best_on(space, _grid_of(space, best.term), library, current, taken)
-    return min((s for s in (best, again) if s is not None), key=_price)
+    return _to_the_row(library, current, min((s for s in (best, again) if s is not None), key=_price), space)
 
 
 def within_same_limits(library: Library, current: Basis, term: Term, taken: Collection[str]) -> list[Score]:
@@ -75,8 +75,10 @@ def within_same_limits(library: Library, current: Basis, term: Term, taken: Coll
 
 def with_own_limits(library: Library, current: Basis, term: Term) -> Term:
     """`term`, whose limits fitted another law, with those that fit it best itself."""
-    score = library.score(term, current) if term.gates else None
-    return term if score is None or library.space is None else _settle(library, current, score, library.space).term
+    score, space = library.score(term, current) if term.gates else None, library.space
+    if score is None or space is None:
+        return term
+    return _to_the_row(library, current, _settle(library, current, score, space), space).term
 
 
 def _grid_of(space: Space, term: Term) -> Grid:
@@ -205,9 +207,14 @@ def _settle(library: Library, current: Basis, score: Score, space: Space) -> Sco
         best = refine(library, current, _sharpen(library, current, best, space))
         if best.bic > former.bic - 1.0:
             break
-    for share in _SHARES:
-        best = _sharpen(library, current, best, space, share)
     return best
+
+
+def _to_the_row(library: Library, current: Basis, score: Score, space: Space) -> Score:
+    """Each limit between the two rows between which it fits best."""
+    for share in _SHARES:
+        score = _sharpen(library, current, score, space, share)
+    return score
 
 
 def _sharpen(library: Library, current: Basis, score: Score, space: Space, share: float = 0.0, but: str = "") -> Score:
