@@ -242,7 +242,7 @@ def _otherwise(library: Library, current: Basis, score: Score, space: Space) -> 
     """The same term without the limits of one variable, and the others moved: limits of two variables may stand for
     those of a third."""
     best = score
-    for variable in {g.variable for g in score.term.gates}:
+    for variable in dict.fromkeys(g.variable for g in score.term.gates):
         rest = tuple(g for g in score.term.gates if g.variable != variable)
         open_ = library.score(replace(score.term, gates=rest), current)
         if open_ is not None:
