@@ -20,7 +20,7 @@ from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.signals import signals
+from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
@@ -67,7 +67,7 @@ class Arm(Unnamed):
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.reads))
 
-    def over(self, known: Mapping[str, tuple[Float1D, str]]) -> Float2D:
+    def over(self, known: Known) -> Float2D:
         """(n, 2) – what each amplitude counts for, at values of the quantities."""
         u = FORMS[self.form](known[self.signal][0])
         return np.column_stack([u, u * FORMS[self.by](known[self.place][0])])
@@ -104,15 +104,13 @@ class Eased(Unnamed):
         return Parameter("k_0", per), Parameter("k_1", per)
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-        return (
-            f"with {written(self.signal, self.form)}, changing with {self.by} up to some {shape['c']:.3g} {self.of}",
-            (),
-        )
+        up_to = f"{shape['c']:.3g} {self.of}"
+        return f"with {written(self.signal, self.form)}, changing with {self.by} up to some {up_to}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.reads), shape["c"])
 
-    def over(self, known: Mapping[str, tuple[Float1D, str]], c: float) -> Float2D:
+    def over(self, known: Known, c: float) -> Float2D:
         """(n, 2) – what each amplitude counts for, at values of the quantities."""
         u = FORMS[self.form](known[self.signal][0])
         return np.column_stack([u, u * np.exp(-np.abs(known[self.by][0]) / c)])
@@ -125,7 +123,7 @@ class Eased(Unnamed):
         return {"c": float(shape["c"] * np.exp(np.clip(by[0], -3, 3)))}
 
 
-def eased(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Term]]:
+def eased(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
     """Frictions and loads of this axis that another quantity eases, each with what it would take away by itself at the
     best of the sizes tried."""
     out = []
@@ -139,7 +137,7 @@ def eased(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> l
     return out
 
 
-def _eased_by(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[Eased]:
+def _eased_by(axis: str, known: Known) -> Iterator[Eased]:
     others = (*(f"v_{a}" for a in (*LINEAR_AXES, "sp") if a != axis), "feed", "MRR", "AR")
     loads = (*(f"f_{a}" for a in LINEAR_AXES), "M_sp")
     carriers = ((f"v_{axis}", "sgn u"), (f"v_{axis}", "u"), (f"f_{axis}", "u"), ("M_sp", "u"))
@@ -149,7 +147,7 @@ def _eased_by(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[E
                 yield Eased(by, name, form, known[name][1], known[by][1])
 
 
-def arms(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Arm]]:
+def arms(axis: str, known: Known, few: Coarse) -> list[tuple[float, Arm]]:
     """Arms of every load and motion of this axis along every axis, each with what it would take away by itself."""
     return [(_gain(arm.over(known), few), arm) for arm in _offered(axis, known)]
 
@@ -165,7 +163,7 @@ def _gain(rows: Float2D, few: Coarse) -> float:
     return float(np.sum((Q.T @ (root * few.values)) ** 2)) if R[1, 1] ** 2 > _FLAT else 0.0
 
 
-def _offered(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[Arm]:
+def _offered(axis: str, known: Known) -> Iterator[Arm]:
     own = ((f"held_{axis}", "u"), *((f"{u}_{axis}", "u") for u in "vaI"), (f"v_{axis}", "sgn u"))
     loads = tuple((name, "u") for name in (*(f"f_{a}" for a in LINEAR_AXES), "M_sp", "coolant"))
     for place in (*(f"pos_{a}" for a in LINEAR_AXES), *_CHANGES):

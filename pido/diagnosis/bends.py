@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.signals import NO_PLACE, signals
+from pido.diagnosis.signals import NO_PLACE, Known, signals
 from pido.diagnosis.state import AxisState
 
 
@@ -55,13 +55,13 @@ class Bend(Unnamed):
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.reads))
 
-    def over(self, known: Mapping[str, tuple[Float1D, str]]) -> Float2D:
+    def over(self, known: Known) -> Float2D:
         """(n, 3) – what each number counts for, at values of the quantities."""
         powers = _powers(known[self.signal][0], self.seen)
         return powers * np.sign(known[self.turns][0])[:, None] if self.turns else powers
 
 
-def bends(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[tuple[float, Bend]]:
+def bends(axis: str, known: Known, few: Coarse) -> list[tuple[float, Bend]]:
     """Bends over every quantity that takes many values, each with what it would take away by itself; over what the
     other axes and the spindle do, also as a friction of this one."""
     root = np.sqrt(few.weights)

@@ -221,10 +221,15 @@ class Space:
     coarse: Grid
     fine: Grid
 
+    @cached_property
+    def distinct(self) -> dict[str, Float1D]:
+        """The values of each variable that occur, rising."""
+        return {name: np.unique(values) for name, values in self.variables.items()}
+
     def between_rows(self, variable: str, limits: list[float], share: float) -> Float1D:
         """Halfway between some of the values that occur about each of `limits`: of a share of those from the place
         before it to that behind it."""
-        at, values = self.places[variable].limits, np.unique(self.variables[variable])
+        at, values = self.places[variable].limits, self.distinct[variable]
         out = list(limits)
         for limit in limits:
             before = at[max(0, int(np.searchsorted(at, limit)) - 1)]

@@ -21,7 +21,7 @@ from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import signals
+from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
@@ -85,7 +85,7 @@ class Ringing(Unnamed):
         return {"f": max(_SLOWEST_HZ, float(shape["f"] * np.exp(2 * shape["zeta"] * by[0]))), "zeta": zeta}
 
 
-def ringing_terms(mismatch: Mismatch, residual: Float1D, known: Mapping[str, tuple[Float1D, str]]) -> list[Term]:
+def ringing_terms(mismatch: Mismatch, residual: Float1D, known: Known) -> list[Term]:
     """Ringing at the frequencies in which the residual answers to a quantity.
 
     known : `common_signals` of the mismatch

@@ -16,7 +16,7 @@ import numpy as np
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import NO_PLACE, common_signals, signals
+from pido.diagnosis.signals import NO_PLACE, Known, common_signals, signals
 from pido.diagnosis.state import AxisState
 
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
@@ -81,7 +81,7 @@ class Formula(Unnamed):
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return np.broadcast_to(self.values(signals(state, [n for n, _ in self.factors])), len(state.time))[:, None]
 
-    def values(self, known: Mapping[str, tuple[Float1D, str]]) -> Float1D:
+    def values(self, known: Known) -> Float1D:
         """The product itself, (n,)."""
         out = np.ones(1)
         for i, (name, form) in enumerate(self.factors):
@@ -192,7 +192,7 @@ class Surface(Unnamed):
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.variables))
 
-    def over(self, known: Mapping[str, tuple[Float1D, str]]) -> Float2D:
+    def over(self, known: Known) -> Float2D:
         """(n, knots) – what each knot's height counts for, at values of the quantities."""
         out = np.ones((len(known[self.variables[0]][0]), 1))
         for name, knots, split in zip(self.variables, self.knots, self.split, strict=True):
@@ -224,7 +224,7 @@ _WRITTEN = {
 _POWER = {"u": 1.0, "|u|": 1.0, "u²": 2.0, "u|u|": 2.0, "sgn u": 0.0, "√|u|": 0.5, "√|u| sgn u": 0.5, "u³": 3.0}
 
 
-def formulas(known: Mapping[str, tuple[Float1D, str]]) -> list[Formula]:
+def formulas(known: Known) -> list[Formula]:
     """Products of one or two forms of the signals; the same signal is not multiplied with itself."""
     plain = []
     for name, (values, unit) in known.items():
@@ -241,7 +241,7 @@ def formulas(known: Mapping[str, tuple[Float1D, str]]) -> list[Formula]:
     return out
 
 
-def peaks(known: Mapping[str, tuple[Float1D, str]], centres: int = 24) -> list[tuple[Peak, dict[str, float]]]:
+def peaks(known: Known, centres: int = 24) -> list[tuple[Peak, dict[str, float]]]:
     """Peaks around values that the quantities really take, in widths from a fiftieth to a quarter of their range."""
     out = []
     for name, (values, unit) in known.items():

@@ -20,7 +20,7 @@ from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import signals
+from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 from pido.physics.drive import answered_late
@@ -32,7 +32,7 @@ _LONGEST_S = 30.0  # what comes later still is drift
 _BEST_TIMES = 2  # of every law, by the averages
 _MODULATED = 40  # of these, the best by the averages
 
-Known = Mapping[str, Float1D]
+Values = Mapping[str, Float1D]
 
 
 class Late(Unnamed):
@@ -53,7 +53,7 @@ class Late(Unnamed):
         return frozenset({self.driver[0]})
 
     @abstractmethod
-    def over(self, known: Known, late: Float1D) -> Float2D:
+    def over(self, known: Values, late: Float1D) -> Float2D:
         """(n, k), from the signals and what is late, (n,) each. Of the state: 'cutting' and 'moving', 0 or 1."""
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
@@ -100,7 +100,7 @@ class Lagged(Late):
         unit = ampere_per(unit_of([(self.unit, self.form)]))
         return (*(Parameter(name, unit) for name in names), *([Parameter("k_0", "A")] if self.level else []))
 
-    def over(self, known: Known, late: Float1D) -> Float2D:
+    def over(self, known: Values, late: Float1D) -> Float2D:
         columns = [late * (1 - known["cutting"]), late * known["cutting"]] if self.by_cut else [late]
         return np.column_stack([*columns, *([np.ones(len(late))] if self.level else [])])
 
@@ -135,7 +135,7 @@ class Fading(Late):
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         return (Parameter("k", f"A/({self.unit})"),)
 
-    def over(self, known: Known, late: Float1D) -> Float2D:
+    def over(self, known: Values, late: Float1D) -> Float2D:
         left = FORMS[self.form](known[self.signal]) - late
         return (left * known["moving"] if self.in_motion else left)[:, None]
 
@@ -184,7 +184,7 @@ class Modulated(Late):
             return f"dI = {own} * (k_0 + k * {late})"
         return f"dI = {f'(k_0 + k * {own})' if self.beside else f'k * {own}'} * ({late})"
 
-    def over(self, known: Known, late: Float1D) -> Float2D:
+    def over(self, known: Values, late: Float1D) -> Float2D:
         steady = FORMS[self.form](known[self.signal])
         other = [late] if self.beside else [steady] if self.level else []
         return np.column_stack([steady * late, *other])
@@ -196,7 +196,7 @@ class Modulated(Late):
         return f"in proportion to {u}, changing with what {self.cause} was in the last {tau}", ()
 
 
-def late_terms(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
+def late_terms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
     """Every law that acts late, and the best of those that are modulated, each with its best times of those tried.
 
     known : `common_signals` of the mismatch; few : what is left, as averages
@@ -223,7 +223,7 @@ def late_terms(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]], few
     return [*plain, *(term for _, term in sorted(every, key=lambda each: each[0])[:_MODULATED])]
 
 
-def _laws(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[Late]:
+def _laws(mismatch: Mismatch, known: Known) -> Iterator[Late]:
     axis = mismatch.axis
     engaged = [s.engaged for s in mismatch.states]
     cuts = all(e is not None and e.any() and not e.all() for e in engaged)
@@ -238,7 +238,7 @@ def _laws(mismatch: Mismatch, known: Mapping[str, tuple[Float1D, str]]) -> Itera
             yield Fading(name, form, unit, in_motion=True)
 
 
-def _modulated(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[Modulated]:
+def _modulated(axis: str, known: Known) -> Iterator[Modulated]:
     causes = [*_causes(known, axis), *([(f"v_{axis}", "u²")] if f"v_{axis}" in known else [])]
     carriers = [(f"v_{axis}", "u"), (f"v_{axis}", "sgn u"), (f"v_{axis}", "|u|"), (f"I_{axis}", "u")]
     for (name, form), (cause, loss) in itertools.product([c for c in carriers if c[0] in known], causes):
@@ -251,7 +251,7 @@ def _modulated(axis: str, known: Mapping[str, tuple[Float1D, str]]) -> Iterator[
             yield Modulated(name, form, cause, loss, both, level=unit_of([of_own]))
 
 
-def _causes(known: Mapping[str, tuple[Float1D, str]], axis: str) -> Iterator[tuple[str, str]]:
+def _causes(known: Known, axis: str) -> Iterator[tuple[str, str]]:
     for name in dict.fromkeys((f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp", "v_sp", "a_sp")):
         if name in known:
             yield name, "u"

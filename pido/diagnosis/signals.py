@@ -6,7 +6,7 @@ In:  the states of an axis. Out: name -> (values (n,), unit), of what a current 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.core.errors import DiagnosisError
 from pido.diagnosis.state import AxisState
+
+Known = Mapping[str, tuple[Float1D, str]]
+"""Signals by name, (n,) each, with their units."""
 
 _MEANING = {  # of what is no column of the recording; {} is the axis
     "held_{}": "direction of the last motion",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +41,7 @@ from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.rested import Rested, rested_terms
-from pido.diagnosis.signals import common_signals
+from pido.diagnosis.signals import Known, common_signals
 from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.waves import waves
 from pido.diagnosis.whiten import Noise
@@ -227,7 +227,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     return [best] if curve is best else [best, curve]
 
 
-def _ranked_surfaces(every: Sequence[Surface], known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Surface]:
+def _ranked_surfaces(every: Sequence[Surface], known: Known, few: Coarse) -> list[Surface]:
     """By the BIC of the coarse residual, least first: what two quantities do together may show in neither of them."""
     step = max(1, len(few.rows) // _ROWS)
     root = np.sqrt(few.weights[::step])
@@ -243,7 +243,7 @@ def _ranked_surfaces(every: Sequence[Surface], known: Mapping[str, tuple[Float1D
     return sorted(every, key=bic_of)
 
 
-def _ranked(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) -> list[Term]:
+def _ranked(axis: str, known: Known, few: Coarse) -> list[Term]:
     """Formulas, peaks, bends, arms, what is eased and waves by what each takes away from the coarse residual alone,
     best first."""
     gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
@@ -254,9 +254,7 @@ def _ranked(axis: str, known: Mapping[str, tuple[Float1D, str]], few: Coarse) ->
     return [t for _, t in sorted(gains, key=lambda g: -g[0])]
 
 
-def _gains_of_peaks(
-    known: Mapping[str, tuple[Float1D, str]], few: Coarse
-) -> Iterator[tuple[Peak, dict[str, float], float]]:
+def _gains_of_peaks(known: Known, few: Coarse) -> Iterator[tuple[Peak, dict[str, float], float]]:
     """Peaks, each with what it would take away by itself; rows are sorted into narrow classes of the quantity first."""
     for peak, offered in itertools.groupby(peaks(known), key=lambda each: each[0]):
         side, u = peak.side(known[peak.signal][0]), peak.place(known[peak.signal][0])
@@ -271,9 +269,7 @@ def _gains_of_peaks(
             yield peak, shape, float(row @ inner) ** 2 / own if own > 0 else 0.0
 
 
-def _gains_of_formulas(
-    offered: Sequence[Formula], known: Mapping[str, tuple[Float1D, str]], few: Coarse
-) -> list[tuple[Formula, float]]:
+def _gains_of_formulas(offered: Sequence[Formula], known: Known, few: Coarse) -> list[tuple[Formula, float]]:
     """Formulas of one or two factors, each with what it would take away by itself; all products at once."""
     factors = [None, *dict.fromkeys(f for formula in offered for f in formula.factors)]
     at = {f: i for i, f in enumerate(factors)}

@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.signals import LONG_S, signals
+from pido.diagnosis.signals import LONG_S, Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
@@ -35,8 +35,6 @@ _OF_A_TURN = (1, 2, 3, 4, 5, 6)  # waves in one turn of the spindle: its own, an
 _HARMONICS = (1, 3, 6)  # what repeats itself need not be a sine
 _PER_WAVE = 4  # wave numbers tried per independent one
 _MOST = 1_200  # wave numbers of one travel
-
-Known = Mapping[str, tuple[Float1D, str]]  # signals with their units
 
 
 @dataclass(frozen=True)

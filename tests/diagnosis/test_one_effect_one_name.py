@@ -1,60 +1,29 @@
 """One effect gets one name: what mends the form of a finding, or takes another one back, is no finding of its own."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pido.core.part import PartInfo
-from pido.core.recording import Recording
 from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.contained import contained
-from pido.diagnosis.diagnose import diagnose, no_worse, proved, settled
+from pido.diagnosis.diagnose import diagnose, proved, settled
 from pido.diagnosis.forms import fewest, likelier, plainest
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library
 from pido.diagnosis.loop import answered
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
-from pido.diagnosis.search import best_gain, first_look, search
+from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
-from pido.diagnosis.timing import find_delay
 from pido.diagnosis.whiten import Noise, estimate_noise
 from pido.physics.drive import answered_late
 from pido.physics.friction import dahl_state
+from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
 from tests.diagnosis.planted import planted
-
-NOISE = 0.02
-BY_ID = {m.id: m for m in CATALOGUE}
-
-
-def recordings(count=3, rows=2000):
-    """x goes to and fro at many feeds with stops; the spindle changes its speed. One sample in 0.02 s."""
-    for k in range(count):
-        rng = np.random.default_rng(k)
-        t = np.arange(rows) * 0.02
-        v = np.repeat(rng.choice([0.0, 0.4, 1.5, 5.0, 12.0], rows // 40) * rng.choice([-1, 1], rows // 40), 40)
-        v = np.convolve(v, np.hanning(11)[1:-1] / np.hanning(11).sum(), "same")
-        v_sp = np.convolve(np.repeat(rng.choice([6e3, 1.2e4, 2.4e4], rows // 200), 200), np.ones(50) / 50, "same")
-        columns = {
-            "time": t, "v_x": v, "pos_x": np.cumsum(v) * 0.02, "a_x": np.gradient(v, t),
-            "v_sp": v_sp, "a_sp": np.gradient(v_sp, t),
-            "curr_x_sim": 0.5 * np.sign(np.where(np.abs(v) > 0.02, v, 0)) + 0.004 * np.gradient(v, t),
-            "curr_sp_sim": 4e-9 * v_sp**2 + 2e-4 * np.gradient(v_sp, t),
-        }  # fmt: skip
-        yield Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1, start_time_s=100.0 * k), columns)
-
-
-def laid_out(effect, axis="x") -> tuple[Mismatch, Noise]:
-    """effect : state -> (n,), A, beside white noise; and that noise as it is."""
-    rng = np.random.default_rng(5)
-    states = axis_states(list(recordings()), axis)
-    mismatch = lay_out(states, [effect(s) + rng.normal(0, NOISE, len(s.time)) for s in states])
-    return mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
 
 
 def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
@@ -225,15 +194,6 @@ def test_friction_that_varies_little_along_the_travel_is_steady_first_and_what_v
     assert steady == pytest.approx(0.3, rel=0.05)
 
 
-def test_a_shift_in_time_behind_which_the_names_leave_more_error_is_not_taken():
-    mismatch, _ = laid_out(lambda s: 0.3 * np.sign(s.v) * s.moving)
-    look, friction = SimpleNamespace(mismatch=mismatch), Term(BY_ID["coulomb_friction"], (("rest", 0.0),))
-    named, nothing = (({"x": look}, {"x": SimpleNamespace(terms=t)}) for t in ([friction], []))
-    assert no_worse(named, nothing)
-    assert no_worse(named, named)
-    assert not no_worse(nothing, named)
-
-
 def test_friction_that_varies_as_much_as_it_is_is_one_finding():
     assert along_the_travel(1.0) == (["position_dependent_friction"], [])
 
@@ -338,55 +298,6 @@ def test_friction_that_is_held_at_rest_and_turns_over_a_way_is_one_finding(law, 
     assert [t.name for t in confirm(library, noise, proposed, Answer("x"), len(beside) + 1)] == [law]
 
 
-def test_what_one_axis_gains_by_a_shift_and_another_loses_is_no_shift():
-    late, noise = laid_out(lambda s: -0.01 * np.gradient(s.sim, s.time))
-    rng = np.random.default_rng(6)
-    in_time = laid_out(lambda s: rng.normal(0, 0.7, len(s.time)), "sp")[0]
-    noises = {"x": noise, "sp": Noise(np.zeros(0), np.full(in_time.n, 0.7), 1.0, in_time.usable)}
-    assert find_delay({"x": late}, noises, {}) is not None
-    assert find_delay({"x": late, "sp": in_time}, noises, {}) is None
-
-
-@pytest.mark.parametrize(("offset", "drift"), [(-0.011, 0.0), (0.0, -2e-4)])
-def test_a_shift_of_less_than_a_sample_is_found_and_its_interval_holds_it(offset, drift):
-    rng = np.random.default_rng(3)
-    t = np.arange(2000) * 0.02
-    # Spectral lines: what the signal is between its samples is known exactly.
-    lines = np.array([rng.normal(0, 1, 40), rng.uniform(0.02, 4, 40), rng.uniform(0, 6, 40)]).T
-
-    def signal(u):
-        return sum(0.1 * a / (1 + f) * np.sin(2 * np.pi * f * u + p) for a, f, p in lines)
-
-    made = [
-        r.with_columns(curr_x_sim=signal(t), curr_x=signal(t - offset - drift * t) + rng.normal(0, NOISE, len(t)))
-        for r in recordings()
-    ]
-    states = axis_states(made, "x")
-    mismatch = lay_out(states, [s.curr - s.sim for s in states])
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-    found = find_delay({"x": mismatch}, {"x": noise}, {})
-    assert found is not None
-    for value, truth, sd in zip((found.offset, found.drift), (offset, drift), found.sd, strict=True):
-        assert abs(value - truth) <= 3 * max(sd, 1e-5)
-
-
-def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
-    def late(recording, rng):
-        sim = recording["curr_x_sim"]
-        t = recording.time
-        return recording.with_columns(curr_x=np.interp(t - 0.02, t, sim) + rng.normal(0, NOISE, len(t)))
-
-    rng = np.random.default_rng(2)
-    states = axis_states([late(r, rng) for r in recordings()], "x")
-    mismatch = lay_out(states, [s.curr - s.sim for s in states])
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-    offered = [t for i in ("inertia", "presliding_hysteresis") for t in grid_terms(BY_ID[i], mismatch.states)]
-    rival = best_gain(mismatch, noise, offered, {})
-    found = find_delay({"x": mismatch}, {"x": noise}, {"x": rival})
-    assert found is not None
-    assert abs(found.offset - 0.02) < 1e-3
-
-
 def behind_a_loop(recording):
     """Friction and inertia are simulated, with a drive that answers 15 ms late."""
     v = recording["v_x"]
@@ -433,24 +344,6 @@ def test_three_speeds_tell_which_drags_of_the_spindle_a_simulation_has(there):
     mismatch = lay_out(states, [rng.normal(0, NOISE, len(s.time)) for s in states])
     noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
     assert set(contained(mismatch, CATALOGUE, noise, rng)) & set(DRAGS) == there
-
-
-@pytest.mark.parametrize(("late", "missing"), [(0.13, 0.0), (0.25, 0.0), (0.25, 0.01)])
-def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late, missing):
-    def shifted(recording, rng):
-        t, sim = recording.time, recording["curr_x_sim"]
-        fine = np.arange(0.0, t[-1], 0.001)
-        # What the simulation is between its samples nobody knows: here it goes in steps.
-        steps = sim[np.clip(np.searchsorted(t, fine, side="right") - 1, 0, len(t) - 1)]
-        late_one = np.interp(t - late, fine, steps)
-        keep = {k: recording[k] for k in ("time", "v_x", "pos_x", "a_x", "curr_x_sim")}
-        seen = late_one + rng.normal(0, NOISE, len(t))
-        seen[rng.random(len(t)) < missing] = np.nan
-        return Recording(recording.part, keep | {"curr_x": seen})
-
-    rng = np.random.default_rng(2)
-    found = diagnose([shifted(r, rng) for r in recordings()])
-    assert [(f.axis, f.mechanism) for f in found.findings] == [("x", "time_misalignment")]
 
 
 def test_what_does_not_stand_up_is_no_reason_to_keep_what_stands_beside_it(monkeypatch):

@@ -1,0 +1,93 @@
+"""A shift in time is one finding, and none where it only imitates another."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pido.core.recording import Recording
+from pido.diagnosis.diagnose import diagnose, no_worse
+from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.search import best_gain
+from pido.diagnosis.select import grid_terms
+from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import Term
+from pido.diagnosis.timing import find_delay
+from pido.diagnosis.whiten import Noise
+from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
+
+
+def test_a_shift_in_time_behind_which_the_names_leave_more_error_is_not_taken():
+    mismatch, _ = laid_out(lambda s: 0.3 * np.sign(s.v) * s.moving)
+    look, friction = SimpleNamespace(mismatch=mismatch), Term(BY_ID["coulomb_friction"], (("rest", 0.0),))
+    named, nothing = (({"x": look}, {"x": SimpleNamespace(terms=t)}) for t in ([friction], []))
+    assert no_worse(named, nothing)
+    assert no_worse(named, named)
+    assert not no_worse(nothing, named)
+
+
+def test_what_one_axis_gains_by_a_shift_and_another_loses_is_no_shift():
+    late, noise = laid_out(lambda s: -0.01 * np.gradient(s.sim, s.time))
+    rng = np.random.default_rng(6)
+    in_time = laid_out(lambda s: rng.normal(0, 0.7, len(s.time)), "sp")[0]
+    noises = {"x": noise, "sp": Noise(np.zeros(0), np.full(in_time.n, 0.7), 1.0, in_time.usable)}
+    assert find_delay({"x": late}, noises, {}) is not None
+    assert find_delay({"x": late, "sp": in_time}, noises, {}) is None
+
+
+@pytest.mark.parametrize(("offset", "drift"), [(-0.011, 0.0), (0.0, -2e-4)])
+def test_a_shift_of_less_than_a_sample_is_found_and_its_interval_holds_it(offset, drift):
+    rng = np.random.default_rng(3)
+    t = np.arange(2000) * 0.02
+    # Spectral lines: what the signal is between its samples is known exactly.
+    lines = np.array([rng.normal(0, 1, 40), rng.uniform(0.02, 4, 40), rng.uniform(0, 6, 40)]).T
+
+    def signal(u):
+        return sum(0.1 * a / (1 + f) * np.sin(2 * np.pi * f * u + p) for a, f, p in lines)
+
+    made = [
+        r.with_columns(curr_x_sim=signal(t), curr_x=signal(t - offset - drift * t) + rng.normal(0, NOISE, len(t)))
+        for r in recordings()
+    ]
+    states = axis_states(made, "x")
+    mismatch = lay_out(states, [s.curr - s.sim for s in states])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    found = find_delay({"x": mismatch}, {"x": noise}, {})
+    assert found is not None
+    for value, truth, sd in zip((found.offset, found.drift), (offset, drift), found.sd, strict=True):
+        assert abs(value - truth) <= 3 * max(sd, 1e-5)
+
+
+def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
+    def late(recording, rng):
+        sim = recording["curr_x_sim"]
+        t = recording.time
+        return recording.with_columns(curr_x=np.interp(t - 0.02, t, sim) + rng.normal(0, NOISE, len(t)))
+
+    rng = np.random.default_rng(2)
+    states = axis_states([late(r, rng) for r in recordings()], "x")
+    mismatch = lay_out(states, [s.curr - s.sim for s in states])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    offered = [t for i in ("inertia", "presliding_hysteresis") for t in grid_terms(BY_ID[i], mismatch.states)]
+    rival = best_gain(mismatch, noise, offered, {})
+    found = find_delay({"x": mismatch}, {"x": noise}, {"x": rival})
+    assert found is not None
+    assert abs(found.offset - 0.02) < 1e-3
+
+
+@pytest.mark.parametrize(("late", "missing"), [(0.13, 0.0), (0.25, 0.0), (0.25, 0.01)])
+def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late, missing):
+    def shifted(recording, rng):
+        t, sim = recording.time, recording["curr_x_sim"]
+        fine = np.arange(0.0, t[-1], 0.001)
+        # What the simulation is between its samples nobody knows: here it goes in steps.
+        steps = sim[np.clip(np.searchsorted(t, fine, side="right") - 1, 0, len(t) - 1)]
+        late_one = np.interp(t - late, fine, steps)
+        keep = {k: recording[k] for k in ("time", "v_x", "pos_x", "a_x", "curr_x_sim")}
+        seen = late_one + rng.normal(0, NOISE, len(t))
+        seen[rng.random(len(t)) < missing] = np.nan
+        return Recording(recording.part, keep | {"curr_x": seen})
+
+    rng = np.random.default_rng(2)
+    found = diagnose([shifted(r, rng) for r in recordings()])
+    assert [(f.axis, f.mechanism) for f in found.findings] == [("x", "time_misalignment")]
