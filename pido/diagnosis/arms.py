@@ -166,7 +166,7 @@ def _gain(rows: Float2D, few: Coarse) -> float:
 def _offered(axis: str, known: Known) -> Iterator[Arm]:
     own = ((f"held_{axis}", "u"), *((f"{u}_{axis}", "u") for u in "vaI"), (f"v_{axis}", "sgn u"))
     loads = tuple((name, "u") for name in (*(f"f_{a}" for a in LINEAR_AXES), "M_sp", "coolant"))
-    for place in (*(f"pos_{a}" for a in LINEAR_AXES), *_CHANGES):
+    for place in (*(f"{place}_{a}" for place in ("pos", "from") for a in LINEAR_AXES), *_CHANGES):
         for name, form in (*own, *loads):
             # That Coulomb's friction changes along the axis' own travel has a name.
             named = place == f"pos_{axis}" and (name == f"held_{axis}" or form == "sgn u")

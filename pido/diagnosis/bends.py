@@ -69,7 +69,7 @@ def bends(axis: str, known: Known, few: Coarse) -> list[tuple[float, Bend]]:
     for name, (values, _) in known.items():
         if name.startswith(NO_PLACE):
             continue
-        of_others = name.startswith(("v_", "pos_")) and not name.endswith(f"_{axis}") and f"v_{axis}" in known
+        of_others = name.startswith(("v_", "pos_", "from_")) and not name.endswith(f"_{axis}") and f"v_{axis}" in known
         for turns in ("", f"v_{axis}") if of_others else ("",):
             bend = Bend(name, (float(values.min()), float(values.max())), turns)
             Q, _ = np.linalg.qr(bend.over(known) * root[:, None])

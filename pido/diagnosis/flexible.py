@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from pido.core.arrays import Float1D, Float2D, Int1D
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.confirm import p_of_mean
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import common_signals
@@ -112,12 +112,18 @@ def flexible_rest(
 class Coarse:
     """A residual averaged over the memory of its noise: few rows that hold nearly all that the many do.
 
-    rows : (m,) – row in the middle of each average; values : (m,), A; weights : (m,), 1/A²
+    rows : (m,) – row in the middle of each average; part : (m,) – number of its part; values : (m,), A;
+    weights : (m,), 1/A²
     """
 
     rows: Int1D
+    part: Int1D
     values: Float1D
     weights: Float1D
+
+    def of(self, rows: Bool1D) -> Coarse:
+        """Those of the averages."""
+        return Coarse(self.rows[rows], self.part[rows], self.values[rows], self.weights[rows])
 
 
 def coarse(mismatch: Mismatch, residual: Float1D, noise: Noise, most: int = _MOST_ROWS) -> Coarse:
@@ -132,7 +138,7 @@ def coarse(mismatch: Mismatch, residual: Float1D, noise: Noise, most: int = _MOS
     same = mismatch.part[np.arange(0, n, width)] == mismatch.part[np.arange(width - 1, n, width)]
     keep = (count > width / 2) & same
     level = noise.level[rows]
-    return Coarse(rows[keep], sums[keep] / count[keep], level[keep] ** -2.0)
+    return Coarse(rows[keep], mismatch.part[rows[keep]], sums[keep] / count[keep], level[keep] ** -2.0)
 
 
 def price(columns: Float2D, few: Coarse) -> float:

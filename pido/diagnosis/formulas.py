@@ -14,13 +14,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
+from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import NO_PLACE, Known, common_signals, signals
+from pido.diagnosis.signals import CLOCKS, NO_PLACE, Known, common_signals, signals
 from pido.diagnosis.state import AxisState
 
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
-_NO_FACTOR = ("uptime", "pos_sp")  # a clock, and an angle that starts again every turn, are in no product
+# A clock, an angle that starts again every turn, and a place that has its zero where a part began are in no product.
+_NO_FACTOR = (*CLOCKS, "pos_sp", *(f"from_{a}" for a in LINEAR_AXES))
+_NO_SURFACE = (*CLOCKS, "pos_sp")
 _SIDES = ((False, False), (True, False), (False, True))  # of a peak: on one side of zero, even, odd
 _WHEN = {"speeding": "speeds up", "braking": "slows down"}
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
@@ -265,7 +268,7 @@ def surfaces(mismatch: Mismatch, count: int = 6) -> list[Surface]:
 
     None over a simulated current: it is a law of everything at once, and a curve over it fits what any law lacks.
     """
-    known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n not in _NO_FACTOR and n[:2] != "I_"}
+    known = {n: v for n, (v, _) in common_signals(mismatch.states).items() if n not in _NO_SURFACE and n[:2] != "I_"}
     ready = {}
     for name, values in known.items():
         split = (name.split("_")[0] in _SIGNED and bool(values.min() < 0 < values.max())) or name.startswith("f_")

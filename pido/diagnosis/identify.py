@@ -37,6 +37,7 @@ from pido.diagnosis.misfit import WORTH, useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.select import MOST_TERMS, best_addition, drop_useless, grid_terms, suggested, swap
+from pido.diagnosis.signals import CLOCKS
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
@@ -46,7 +47,6 @@ CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by whic
 MORE_REMOVED = 0.1  # of what the terms remove on unseen folds, that others must remove beyond it to replace them
 _IN_A_BOX = 4.0  # blocks: what is there in fewer of them may be one event, which a box was drawn around
 _OWN = 0.5  # of the level of an interval that the state does not predict: it is a force by itself
-_CLOCK = frozenset({"uptime"})  # a signal that tells when, not what
 
 
 @dataclass(frozen=True)
@@ -286,7 +286,7 @@ def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> list[
 def _of_no_state(mismatch: Mismatch, noise: Noise, left: Float1D, events: ExternalForce) -> ExternalForce | None:
     """The intervals whose level in what is `left`, (n,) in A, is not what the state predicts from other parts; None
     where these leave no events: levels over intervals describe any law."""
-    rest = flexible_rest(mismatch, left, without=_CLOCK, by_part=True)
+    rest = flexible_rest(mismatch, left, without=frozenset(CLOCKS), by_part=True)
     if find_events(mismatch, noise, noise.whiten(rest[None])[0]) is None:
         return None
     inside = Term(events).columns(mismatch.states) * mismatch.usable

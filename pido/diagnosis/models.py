@@ -29,6 +29,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.tools import ByTool
 from pido.diagnosis.waves import Wave
 
 _GIVEN_BY = {
@@ -219,6 +220,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"arm": place, "of": signal, "unit": unit, "length": length, "by": by, "form": form}
         case Eased(by=by, signal=signal, form=form, unit=unit, of=of):
             own |= {"eased": by, "carries": signal, "form": form, "unit": unit, "of": of}
+        case ByTool(tools=tools, signal=signal, unit=unit, form=form):
+            own |= {"tools": list(tools), "carries": signal, "unit": unit, "form": form}
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
             own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
             own |= {"form": form}
@@ -280,6 +283,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), *later)
     if "eased" in own:
         return Eased(*(str(own[k]) for k in ("eased", "carries", "form", "unit", "of")))
+    if "tools" in own:
+        return ByTool(tuple(map(str, own["tools"])), *(str(own[k]) for k in ("carries", "unit", "form")))
     if "waves" in own:
         place = str(own["waves"])
         length = str(own.get("length", "deg" if place == "pos_sp" else "mm"))  # models of before do not have

@@ -36,12 +36,16 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     "t_block": "time in the NC block, at most 10 s",
     "t_cut": "time in this cut, at most 10 s, 0 outside",
     "uptime": "the machine's clock",
+    "t_part": "time since the part began",
+    **{f"from_{a}": f"pos_{a} less where it was as the part began" for a in LINEAR_AXES},
 }
+CLOCKS = ("uptime", "t_part")  # which tell when, not what
 # Over which neither a peak nor a bend is a law.
-NO_PLACE = ("held", "speeding", "braking", "coolant", "uptime", "I_", "pos_sp")
+NO_PLACE = ("held", "speeding", "braking", "coolant", *CLOCKS, "I_", "pos_sp")
 LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
 _STANDS = 0.02  # mm/s along the path, and less
 _LONG_REST_S = 60.0  # after which it no longer matters how long an axis stood
+_ELSEWHERE = 0.02  # of an axis' travel, by which parts begin at different places
 
 
 def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
@@ -60,6 +64,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"a_{a}": (state.a, f"{speed}²"),
         f"pos_{a}": (None if spindle else state.pos, length),
         **{f"pos_{axis}": (place, "mm") for axis, place in state.places.items() if axis != a},
+        **{f"from_{axis}": (place - place[0], "mm") for axis, place in state.places.items() if len(place)},
         f"held_{a}": (state.held, "–"),
         f"speeding_{a}": (lambda: (state.v * state.a > 0).astype(float), "–"),
         f"braking_{a}": (lambda: (state.v * state.a < 0).astype(float), "–"),
@@ -84,6 +89,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         "coolant": (state.coolant, "–"),
         "pos_sp": (state.angle, "deg"),
         "uptime": (state.clock if state.clock is not None else None, "s"),
+        "t_part": (state.time - state.time[:1], "s"),
     }
     for name, other in state.others.items():
         if name != a:
@@ -174,11 +180,20 @@ def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = N
 
 
 def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
-    """The signals that every part has and that vary, parts one after another."""
+    """The signals that every part has and that vary, parts one after another.
+
+    Of a place from where the part began only where parts begin at different places: elsewhere it is the place.
+    """
     each = [signals(s) for s in states]
-    names = [n for n in each[0] if all(n in e for e in each)]
+    names = [n for n in each[0] if all(n in e for e in each) and (n[:5] != "from_" or _begin_elsewhere(n[5:], states))]
     out = {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
     return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
+
+
+def _begin_elsewhere(axis: str, states: Sequence[AxisState]) -> bool:
+    places = [s.places[axis] for s in states]
+    travel = max(np.nanmax(p) for p in places) - min(np.nanmin(p) for p in places)
+    return float(np.ptp([p[0] for p in places])) > _ELSEWHERE * float(travel)
 
 
 def _finite(values: Float1D) -> Float1D:

@@ -43,6 +43,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known, common_signals
 from pido.diagnosis.terms import Term, bic, fit
+from pido.diagnosis.tools import by_tool
 from pido.diagnosis.waves import waves
 from pido.diagnosis.whiten import Noise
 
@@ -197,7 +198,8 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     few = coarse(mismatch, residual, noise)
     whole = common_signals(mismatch.states)
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
-    offered = [t.behind(library.lag) for t in _ranked(mismatch.axis, known, few)]
+    ranked = sorted(_by_gain(mismatch, known, few), key=lambda g: -g[0])
+    offered = [t.behind(library.lag) for _, t in ranked]
     late = [*ringing_terms(mismatch, residual, whole), *late_terms(mismatch, whole, few)]
     late += rested_terms(mismatch, few)
     scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
@@ -243,15 +245,17 @@ def _ranked_surfaces(every: Sequence[Surface], known: Known, few: Coarse) -> lis
     return sorted(every, key=bic_of)
 
 
-def _ranked(axis: str, known: Known, few: Coarse) -> list[Term]:
-    """Formulas, peaks, bends, arms, what is eased and waves by what each takes away from the coarse residual alone,
-    best first."""
+def _by_gain(mismatch: Mismatch, known: Known, few: Coarse) -> list[tuple[float, Term]]:
+    """Formulas, peaks, bends, arms, what is eased or differs by tool, and waves, each with what it takes away from the
+    coarse residual alone."""
+    axis = mismatch.axis
     gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
     gains += [(gain, Term(law)) for gain, law in (*bends(axis, known, few), *arms(axis, known, few))]
     gains += eased(axis, known, few)
+    gains += by_tool(axis, known, few, mismatch.states)
     gains += waves(axis, known, few)
-    return [t for _, t in sorted(gains, key=lambda g: -g[0])]
+    return gains
 
 
 def _gains_of_peaks(known: Known, few: Coarse) -> Iterator[tuple[Peak, dict[str, float], float]]:

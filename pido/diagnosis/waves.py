@@ -1,5 +1,5 @@
-"""Loads and frictions that are periodic along a travel, of this axis or of another, over its speed or since an event: a
-model without a name.
+"""Loads and frictions that are periodic along a travel, of this axis or of another, over its speed, in time or since an
+event: a model without a name.
 
 In:  the residual of one axis as averages, and the quantities that could carry a wave.
 Out: `Wave` terms worth a closer look, their periods read from the residual itself.
@@ -17,12 +17,14 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.signals import LONG_S, Known, signals
+from pido.diagnosis.signals import CLOCKS, LONG_S, Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
 _SHORTEST_MM = 2.0  # pitch of the finest ball screws
 _SHORTEST_S = 0.2
+_SHORTEST_PULSE_S = 0.5
+_LEAST_PULSES = 3.0  # in the longest part: fewer are a drift
 _SPEEDS = 200  # classes of the speed
 _SPEEDS_PER_WAVE = 8.0  # classes that are met, at least
 _PLACES_PER_WAVE = 8.0
@@ -35,6 +37,9 @@ _OF_A_TURN = (1, 2, 3, 4, 5, 6)  # waves in one turn of the spindle: its own, an
 _HARMONICS = (1, 3, 6)  # what repeats itself need not be a sine
 _PER_WAVE = 4  # wave numbers tried per independent one
 _MOST = 1_200  # wave numbers of one travel
+_AT_ONCE = 64  # wave numbers that are compared in one product
+_MOST_NEAR = 200  # wave numbers to either side of one that a single part has shown
+_CARRIERS_IN_TIME = 2  # for which the phases of the parts are compared
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,7 @@ def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
     known : signals in the rows of `few`
     """
     found = []
+    found += _in_time(axis, known, few)
     travels = [n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}")]
     for place in (*travels, *(n for n in (f"v_{axis}", *_times(axis)) if n in known)):
         s = known[place][0]
@@ -120,7 +126,7 @@ def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
             continue
         rows = np.array([_there(place, s, _carried(known, name, form)) for name, form in carriers])
         rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
-        gain = np.array([_gains(rows, s, k, few) for k in 2 * np.pi * numbers]).T
+        gain = _gains(rows, s, numbers, few).T
         for (name, form), row, own in zip(carriers, rows, gain, strict=True):
             best = _best_that_is_met(place, s, row**2, numbers, own)
             if best is None:
@@ -128,6 +134,45 @@ def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
             wave = Wave(place, known[place][1], name, known[name][1] if name else "–", form=form)
             found.append((float(own[best]), Term(wave, (("L", float(1 / numbers[best])),))))
     return found
+
+
+def _in_time(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
+    """The best period of every carrier on either clock: what comes again by itself, as a pulse of oil does.
+
+    Each part has a phase of its own where periods are looked for, since a clock of days has more of them than can be
+    tried; the period is moved to where all parts agree afterwards.
+    """
+    clocks = [n for n in CLOCKS if n in known]
+    if not clocks:
+        return []
+    longest = max(float(np.ptp(known[clocks[0]][0][few.part == p])) for p in np.unique(few.part))
+    most = min(longest / _SHORTEST_PULSE_S, _LEAST_PULSES + _MOST / _PER_WAVE)
+    numbers = np.arange(_LEAST_PULSES, most, 1 / _PER_WAVE) / longest if longest > 0 else np.zeros(0)
+    if not len(numbers):
+        return []
+    s, carriers = known[clocks[0]][0], _carriers(axis, known, clocks[0])
+    rows = np.array([np.broadcast_to(_carried(known, name, form), s.shape) for name, form in carriers])
+    rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
+    parts = [few.part == p for p in np.unique(few.part)]
+    apart = np.sum([_gains(rows[:, p], s[p], numbers, few.of(p)) for p in parts], axis=0)
+    found = []
+    for i in np.argsort(-apart.max(axis=0))[:_CARRIERS_IN_TIME]:
+        name, form = carriers[i]
+        for clock in clocks:
+            s = known[clock][0]
+            near = _near(float(numbers[np.argmax(apart[:, i])]), longest, float(np.ptp(s)))
+            gain = _gains(rows[i : i + 1], s, near, few)[:, 0]
+            wave = Wave(clock, known[clock][1], name, known[name][1] if name else "–", form=form)
+            found.append((float(gain.max()), Term(wave, (("L", float(1 / near[np.argmax(gain)])),))))
+    return found
+
+
+def _near(number: float, longest: float, span: float) -> Float1D:
+    """Wave numbers that one part of length `longest` does not tell from `number`, a quarter of a wave apart over the
+    whole span."""
+    count = int(np.clip(_PER_WAVE * span / longest, _PER_WAVE, _MOST_NEAR))
+    near = number + np.linspace(-0.5, 0.5, 2 * count + 1) / longest
+    return near[near > 0]
 
 
 def _best_that_is_met(place: str, s: Float1D, power: Float1D, numbers: Float1D, gain: Float1D) -> int | None:
@@ -151,8 +196,8 @@ def _times(axis: str) -> tuple[str, ...]:
 
 def _there(place: str, s: Float1D, carrier: Float1D | float) -> Float1D:
     """(n,) – the carrier where the place is one: a time is none before its event, nor once it counts no more."""
-    is_one = (s > 0) & (s < LONG_S) if place.startswith(("t_", "stood_")) else np.ones(len(s), bool)
-    return np.where(is_one, carrier, 0.0)
+    event = place.startswith(("t_", "stood_")) and place not in CLOCKS
+    return np.where((s > 0) & (s < LONG_S) if event else np.ones(len(s), bool), carrier, 0.0)
 
 
 def _wave_numbers(place: str, s: Float1D) -> Float1D:
@@ -190,13 +235,21 @@ def _carried(known: Known, name: str, form: str) -> Float1D | float:
     return carried
 
 
-def _gains(rows: Float2D, place: Float1D, number: float, few: Coarse) -> Float1D:
-    """(k,) – what sine and cosine of `number` (rad/mm) times each of `rows` (k, m) take away together."""
-    turning = np.exp(1j * number * place)
-    inner = (rows * (few.weights * few.values)) @ turning
-    size = rows**2 * few.weights
-    whole, twice = size.sum(axis=1), size @ turning**2
+def _gains(rows: Float2D, place: Float1D, numbers: Float1D, few: Coarse) -> Float2D:
+    """(wave numbers, k) – what sine and cosine of each of `numbers`, evenly spaced, times each of `rows` (k, m) take
+    away together."""
+    by_value, by_power = rows * (few.weights * few.values), rows**2 * few.weights
+    apart = float(numbers[1] - numbers[0]) if len(numbers) > 1 else 0.0
+    on = np.exp(2j * np.pi * apart * np.outer(place, np.arange(min(_AT_ONCE, len(numbers)))))
+    on_twice = on**2
+    inner, twice = np.zeros((2, 0, len(rows)), complex)
+    for first in numbers[::_AT_ONCE]:
+        turning = np.exp(2j * np.pi * first * place)
+        inner = np.concatenate([inner, ((by_value * turning) @ on).T])
+        twice = np.concatenate([twice, ((by_power * turning**2) @ on_twice).T])
+    inner, twice = inner[: len(numbers)], twice[: len(numbers)]
+    whole = by_power.sum(axis=1)
     # Normal equations of cosine and sine: half of (whole + Re, Im; Im, whole - Re).
     det = np.maximum(whole**2 - np.abs(twice) ** 2, 1e-9 * whole**2 + 1e-300)
-    b, c = inner.real, inner.imag
-    return 2 * ((whole - twice.real) * b**2 - 2 * twice.imag * b * c + (whole + twice.real) * c**2) / det
+    b, c = np.real(inner), np.imag(inner)
+    return 2 * ((whole - np.real(twice)) * b**2 - 2 * np.imag(twice) * b * c + (whole + np.real(twice)) * c**2) / det

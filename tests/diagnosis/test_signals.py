@@ -159,10 +159,11 @@ def test_a_few_places_are_no_wave():
     """What differs from level to level of the tool is met by some wave, whatever it is."""
     rng = np.random.default_rng(3)
     level = np.repeat([0.0, 3.1, 8.7, 13.2], 500)
-    few = Coarse(np.arange(2000), level % 2.0 + rng.normal(0, 0.1, 2000), np.ones(2000))
+    rows, part_of = np.arange(2000), np.zeros(2000, int)
+    few = Coarse(rows, part_of, level % 2.0 + rng.normal(0, 0.1, 2000), np.ones(2000))
     moved = level + rng.uniform(-0.05, 0.05, 2000)
     everywhere = rng.uniform(0, 13.2, 2000)
-    wave = Coarse(few.rows, np.sin(2 * np.pi * everywhere / 3.0), few.weights)
+    wave = Coarse(rows, part_of, np.sin(2 * np.pi * everywhere / 3.0), few.weights)
     assert waves("x", {"pos_z": (moved, "mm")}, few) == []
     ((_, term),) = waves("x", {"pos_z": (everywhere, "mm")}, wave)
     assert dict(term.shape)["L"] == pytest.approx(3.0, rel=0.04)

@@ -1,0 +1,135 @@
+"""Laws without a name that follow a clock, the place where a part was set up, or the tool in the spindle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pido.core.errors import DiagnosisError
+from pido.core.part import PartInfo, PartTool
+from pido.core.recording import Recording
+from pido.diagnosis.arms import Arm
+from pido.diagnosis.library import Library
+from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.models import AxisModel, as_json, axis_models
+from pido.diagnosis.signals import common_signals, signals
+from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.tools import ByTool
+from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.waves import Wave
+from tests.diagnosis.planted import NOISE, VISCOUS, part, white
+
+PARTS = 5
+
+
+def found(effect, change=lambda k, recording: recording, strength=2.0):
+    """What the search without a name makes of an effect: state -> (n,), in parts that are changed first."""
+    states = axis_states([change(k, part(k)) for k in range(PARTS)], "x")
+    effects = [effect(s) for s in states]
+    size, rng = np.std(np.concatenate(effects)), np.random.default_rng(0)
+    mismatch = lay_out(states, [strength * NOISE / size * e + rng.normal(0, NOISE, len(e)) for e in effects])
+    noise = white(mismatch)
+    library = Library(mismatch, [Term(VISCOUS)])
+    library.whiten(noise)
+    (term,), _ = with_unknown(library, noise, [], 0)
+    model = AxisModel("x", NOISE, (term,), (np.ones(len(term.mechanism.amplitudes)),))
+    assert axis_models(as_json({"x": model}))["x"].terms == (term,)
+    return term, fit(mismatch, noise, [term]).amplitudes[0] * size / strength / NOISE
+
+
+def with_info(recording, **facts) -> Recording:
+    columns = {name: recording[name] for name in recording.columns}
+    return Recording(PartInfo(part=recording.part.part, machine="m", order=recording.part.order, **facts), columns)
+
+
+def began_at(k, recording) -> Recording:
+    return with_info(recording, start_time_s=(0.0, 41.3, 90.1, 131.7, 300.4)[k])
+
+
+def set_up_at(k, recording) -> Recording:
+    """y begins 40 to 200 mm from where it was before."""
+    columns = {name: recording[name] for name in recording.columns}
+    return Recording(recording.part, columns | {"pos_y": recording["pos_y"] + (0, 130, 40, 200, 75)[k]})
+
+
+def milled(k, recording) -> Recording:
+    """Three tools, a third of each part each, in an order that differs from part to part."""
+    tools = np.roll(["3", "8", "20"], k)
+    third = len(recording) // 3
+    columns = {name: recording[name] for name in recording.columns}
+    which = np.repeat(tools, third).astype(float)
+    return Recording(recording.part, columns | {"tool_id": np.resize(which, len(recording))})
+
+
+def sawtooth(time):
+    return (time / 2.6 % 1.0) - 0.5
+
+
+def test_a_friction_that_oil_eases_in_pulses_repeats_on_the_clock_of_the_part():
+    term, _ = found(lambda s: sawtooth(s.time) * np.sign(s.v))
+    assert isinstance(term.mechanism, Wave)
+    assert (term.mechanism.place, term.mechanism.signal) in {("t_part", "held_x"), ("t_part", "v_x")}
+    assert term.mechanism.harmonics > 1
+    assert dict(term.shape)["L"] == pytest.approx(2.6, rel=0.005)
+
+
+def test_pulses_that_go_on_from_part_to_part_repeat_on_the_clock_of_the_machine():
+    term, _ = found(lambda s: sawtooth(s.clock) * np.sign(s.v), began_at)
+    assert isinstance(term.mechanism, Wave)
+    assert term.mechanism.place == "uptime"
+    assert dict(term.shape)["L"] == pytest.approx(2.6, rel=0.0005)
+
+
+def test_a_load_on_an_arm_that_counts_from_where_the_part_was_set_up():
+    def hose(state):
+        return (state.places["y"] - state.places["y"][0] - 12.0) * state.v
+
+    term, (by_itself, by_place) = found(hose, set_up_at)
+    assert term.mechanism == Arm("from_y", "v_x", "mm/s")
+    assert -by_itself / by_place == pytest.approx(12.0, rel=0.1)
+
+
+def test_where_all_parts_begin_at_one_place_there_is_no_place_beside_it():
+    anywhere = axis_states([set_up_at(k, part(k)) for k in range(2)], "x")
+    assert {"pos_y", "from_y"} <= set(common_signals(anywhere))
+    one = [replace(s, places={a: p - p[0] for a, p in s.places.items()}) for s in anywhere]
+    assert {n for n in common_signals(one) if n.startswith("from_")} == set()
+    np.testing.assert_allclose(signals(one[1], ["from_y"])["from_y"][0], one[1].places["y"])
+
+
+SIZES = {"3": -0.8, "8": 0.1, "20": 1.3}
+
+
+def by_tool(state):
+    return np.array([SIZES[t] for t in state.tool_id]) * state.a
+
+
+def test_a_mass_that_the_simulation_has_wrong_of_each_tool_is_one_law():
+    term, sizes = found(by_tool, milled, strength=1.0)
+    assert term.mechanism == ByTool(("20", "3", "8"), "a_x", "mm/s²")
+    np.testing.assert_allclose(sizes, [1.3, -0.8, 0.1], atol=0.12)
+    assert term.mechanism.conditions("x", {})[0].endswith("each of the tools 20, 3 and 8 has for itself")
+
+
+def test_a_tool_that_no_other_part_had_says_nothing():
+    def one_is_alone(k, recording):
+        changed = milled(k, recording)
+        tools = changed["tool_id"]
+        columns = {name: changed[name] for name in changed.columns}
+        return Recording(changed.part, columns | {"tool_id": np.where((tools == 3) & (k > 0), 8.0, tools)})
+
+    term, _ = found(by_tool, one_is_alone)
+    assert isinstance(term.mechanism, ByTool)
+    assert term.mechanism.tools == ("20", "8")
+    alone = axis_states([one_is_alone(0, part(0))], "x")[0]
+    assert not term.of_part(alone)[:, alone.tool_id == "3"].any()
+
+
+def test_a_part_that_does_not_say_its_tool_is_refused_and_the_only_tool_of_a_part_is_known():
+    law = ByTool(("3", "8"), "a_x", "mm/s²")
+    (silent,) = axis_states([part(0)], "x")
+    with pytest.raises(DiagnosisError, match=r"part p0: .* does not say which tool .* tool_id"):
+        law.regressors(silent)
+    (only,) = axis_states([with_info(part(0), tools={"8": PartTool(diameter_mm=6.0)})], "x")
+    np.testing.assert_array_equal(law.regressors(only)[:, 1], signals(only)["a_x"][0])
