@@ -250,21 +250,21 @@ def _coulomb(library: Library, like: Term) -> Term | None:
 
 
 def _without_mean(library: Library, term: Term) -> Term | None:
-    """A friction along the travel without its mean over it; None where it has none."""
+    """A friction along the travel without its mean over it, of a curve what is steady; None where it has none."""
     shape = dict(term.shape)
-    if shape["form"] > 1:
+    if shape["form"] in (2, 3, 4):
         return None
-    if shape["form"] == 1:
+    if shape["form"] >= 1:
         shape = {
             **next(s for s in term.mechanism.starts(library.mismatch.states) if s["form"] == 1),
             "rest": shape.get("rest", 0.0),
         }
-    return replace(term, shape=tuple({**shape, "form": shape["form"] + 3.0}.items()))
+    return replace(term, shape=tuple({**shape, "form": 3.0 + (shape["form"] > 0)}.items()))
 
 
 def is_without_mean(term: Term) -> bool:
     """Whether it is what changes of a friction along the travel, beside the steady one."""
-    return term.mechanism.id == "position_dependent_friction" and dict(term.shape)["form"] >= 3
+    return term.mechanism.id == "position_dependent_friction" and dict(term.shape)["form"] in (3, 4)
 
 
 # What a drift is where it does not drift, in the order of its choice `along`.

@@ -74,7 +74,7 @@ class Library:
         rows, spans, first = [], [], 0
         counted = None if mismatch.usable.all() else np.flatnonzero(mismatch.usable)
         for term in (t.behind(lag) for t in terms):
-            columns = term.columns(mismatch.states).astype(np.float32)
+            columns = _used(term, term.columns(mismatch.states).astype(np.float32))
             seen = columns if counted is None else columns[:, counted]
             least, most = seen.min(axis=1, initial=np.inf), seen.max(axis=1, initial=-np.inf)
             if not np.any((least < 0) | (most > 0)):
@@ -238,6 +238,14 @@ def orthonormal(X: Float2D) -> Float2D:
     # A second pass restores orthogonality that the Gram matrix of a badly conditioned set loses.
     values, vectors = np.linalg.eigh(Q @ Q.T)
     return (vectors / np.sqrt(values)).T @ Q
+
+
+def _used(term: Term, columns: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The columns up to the last one that the form of a term has; all of them where an amplitude has a plausible range,
+    by its place."""
+    free = all(p.low is None and p.high is None for p in term.mechanism.amplitudes)
+    used = np.flatnonzero(columns.any(axis=1))
+    return columns[: used[-1] + 1] if term.idle and free and len(used) else columns
 
 
 def plausible(mechanism: Mechanism, beta: Float1D, sd: Float1D) -> bool:

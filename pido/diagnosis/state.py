@@ -25,6 +25,8 @@ from pido.physics.friction import held_direction
 
 _LINEAR_DEAD_BAND = 0.02  # mm/s
 _SPINDLE_DEAD_BAND = 6.0  # deg/s
+_CREEPS = 0.01  # of all samples, at one steady speed below the usual band: it is a feed, and no trembling
+_NOTHING = 0.05  # of the usual band
 _NOISE_FACTOR = 5.0  # of a speed's noise at standstill: a larger speed is motion
 
 
@@ -278,7 +280,8 @@ def _dead_band(speeds: Sequence[Float1D], axis: str) -> float:
 
     Noise is read from second differences of slow samples beside slow ones: a smooth motion has none there, and a quick
     turn is no standstill. The band never exceeds a twentieth of the speeds that occur, so that a noisy signal cannot
-    hide slow motion altogether.
+    hide slow motion altogether. A signal without noise may say that an axis creeps steadily below the usual band, which
+    is motion then.
     """
     least = _LINEAR_DEAD_BAND if axis in LINEAR_AXES else _SPINDLE_DEAD_BAND
     known = [v[np.isfinite(v)] for v in speeds]
@@ -288,7 +291,15 @@ def _dead_band(speeds: Sequence[Float1D], axis: str) -> float:
     top = float(np.quantile(every, 0.95))
     bend = np.concatenate([_bends(v, 0.05 * top) for v in known])
     noise = 1.4826 * float(np.median(bend)) / np.sqrt(6.0) if len(bend) >= 20 else 0.0
+    if noise == 0 and len(creeps := np.concatenate([_steady(v, least) for v in known])) >= _CREEPS * len(every):
+        return float(np.quantile(creeps, 0.01)) / 2
     return float(max(least, min(_NOISE_FACTOR * noise, 0.05 * top)))
+
+
+def _steady(v: Float1D, slow: float) -> Float1D:
+    """Sizes of the speeds, at most `slow` and not next to nothing, that the samples before and after have too."""
+    size = np.abs(v[1:-1])
+    return size[(size > _NOTHING * slow) & (size <= slow) & (v[2:] == v[1:-1]) & (v[:-2] == v[1:-1])]
 
 
 def _bends(v: Float1D, slow: float) -> Float1D:

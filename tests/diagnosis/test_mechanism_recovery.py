@@ -333,6 +333,13 @@ ROWS = [
         0.95,
     ),
     ("position_dependent_friction", "x", lambda f: 0.3 * (np.abs(f.pos["x"] - 42) < 8) * sgn(f), {"p_0": 42}, 0.8),
+    (  # a worn stretch that begins steeply and ends gently
+        "position_dependent_friction",
+        "x",
+        lambda f: (0.1 + 0.3 / (1 + np.exp(-(f.pos["x"] - 35) / 2)) - 0.006 * np.maximum(f.pos["x"] - 45, 0)) * sgn(f),
+        {"form": 6},
+        0.95,
+    ),
     (  # a ball screw of 8 mm lead, over a travel of many turns
         "position_dependent_friction",
         "x",

@@ -60,3 +60,15 @@ def test_quick_turns_are_no_noise_at_standstill():
     v = np.where(v > 0, v, 2 * v)
     recording = Recording(PartInfo(part="turns", machine="m"), {"time": t, "v_x": v, "curr_x": v})
     assert dead_bands([recording] * 5) == {"x": 0.02}
+
+
+def test_a_feed_below_the_usual_band_is_motion_where_the_speed_has_no_noise():
+    creeps = np.tile(np.r_[np.zeros(100), np.linspace(0, 0.012, 10), np.full(80, 0.012), np.full(110, -4.0)], 4)
+    t = np.arange(len(creeps)) * 0.01
+
+    def bands(v):
+        return dead_bands([Recording(PartInfo(part="p", machine="m", order=1), {"time": t, "v_x": v})])
+
+    assert bands(creeps) == {"x": pytest.approx(0.006)}
+    assert bands(creeps + np.random.default_rng(0).normal(0, 1e-3, len(t))) == {"x": 0.02}
+    assert bands(np.where(np.abs(creeps) < 1, 1e-12 * creeps, creeps)) == {"x": 0.02}

@@ -220,11 +220,16 @@ class LoadDependentFriction(Mechanism):
         return None if any(np.any(s.force_perp) for s in states) else "no process load in these parts"
 
 
+_PLACES = {5: 7, 6: 13}
+"""At which the forms of a friction along the travel take its height, beside those with a few numbers."""
+
+
 class PositionDependentFriction(Mechanism):
     """Friction that varies along the travel, with its mean.
 
     form : 0 a wave of any phase, 1 a slope and a bend, 2 one tight place; 3 and 4 are 0 and 1 without their mean over
-        the travel, which is Coulomb's where that is a finding of its own
+        the travel, which is Coulomb's where that is a finding of its own; 5 and 6 any curve, by its heights at
+        seven and at thirteen places
     """
 
     id = "position_dependent_friction"
@@ -232,11 +237,12 @@ class PositionDependentFriction(Mechanism):
     equation = (
         "dI = g(pos) * sgn(v), at rest 0 or held; g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
         "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L; "
-        "beside Coulomb's friction without a mean: G_1 * u + G_2 * (u^2 - 1/3), p_0 in the middle"
+        "beside Coulomb's friction without a mean: G_1 * u + G_2 * (u^2 - 1/3), p_0 in the middle; "
+        "or piecewise linear through G_n at places evenly spaced from u = -1 to 1"
     )
-    amplitudes = (Parameter("G_0", "A"), Parameter("G_1", "A"), Parameter("G_2", "A"))
+    amplitudes = tuple(Parameter(f"G_{n}", "A") for n in range(max(_PLACES.values())))
     shape = (
-        choice("form", 5),
+        choice("form", 7),
         Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
         Parameter("p_0", "mm", values=(0.0,)),
         _REST,
@@ -246,48 +252,56 @@ class PositionDependentFriction(Mechanism):
     follows_from = ("pos",)
 
     def regressors(self, state, *, form, L, p_0, rest=0.0):
+        out = nothing(state, len(self.amplitudes))
         if state.pos is None:
-            return nothing(state, 3)
-        h, u = direction(state, rest), (state.pos - p_0) / L
+            return out
+        h, u, form = direction(state, rest), (state.pos - p_0) / L, round(form)
         one, zero = np.ones(len(h)), np.zeros(len(h))
-        if round(form) in (0, 3):
-            return np.column_stack([one if form == 0 else zero, wave(state.pos, L)]) * h[:, None]
-        if round(form) == 1:
-            return np.column_stack([one, u, u**2]) * h[:, None]
-        if round(form) == 4:
-            return np.column_stack([zero, u, u**2 - 1 / 3]) * h[:, None]
-        return np.column_stack([zero, np.exp(-(u**2) / 2), zero]) * h[:, None]
+        if form in (0, 3):
+            columns = [one if form == 0 else zero, *wave(state.pos, L).T]
+        elif form == 2:
+            columns = [zero, np.exp(-(u**2) / 2)]
+        elif form in _PLACES:
+            at = (np.clip(u, -1, 1) + 1) / 2 * (_PLACES[form] - 1)
+            columns = [np.maximum(1 - np.abs(at - n), 0) for n in range(_PLACES[form])]
+        else:
+            columns = [one, u, u**2] if form == 1 else [zero, u, u**2 - 1 / 3]
+        out[:, : len(columns)] = np.column_stack(columns) * h[:, None]
+        return out
 
     def equation_in(self, axis, shape):
         form = round(shape["form"])
+
+        def through(count: int) -> str:
+            return ", ".join(f"G_{n}" for n in range(count))
+
         g = (
             "(G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L))",
             "(G_0 + G_1 * u + G_2 * u^2)",
             "G_1 * exp(-u^2 / 2)",
             "(G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L))",
             "(G_1 * u + G_2 * (u^2 - 1/3))",
+            *(f"(piecewise linear through {through(n)}, evenly from u = -1 to 1)" for n in _PLACES.values()),
         )[form]
         u = "" if form in (0, 3) else "; u = (pos - p_0) / L"
         return f"dI = {g} * sgn(v), {at_rest(shape.get('rest', 0.0))}{u}"
 
     def idle(self, shape):
-        return (
-            frozenset({"p_0"}),
-            frozenset[str](),
-            frozenset({"G_0", "G_2"}),
-            frozenset({"G_0", "p_0"}),
-            frozenset({"G_0"}),
-        )[round(shape["form"])]
+        form = round(shape["form"])
+        used = {0: (0, 1, 2), 1: (0, 1, 2), 2: (1,), 3: (1, 2), 4: (1, 2)}.get(form) or range(_PLACES[form])
+        idle = {f"G_{n}" for n in range(len(self.amplitudes)) if n not in used}
+        return frozenset(idle | ({"p_0"} if form in (0, 3) else set()))
 
     def needs(self, states):
         return "no position of the axis" if any(s.pos is None for s in states) else moves(states)
 
     def starts(self, states):
-        """Waves from a ninth to twice the travel, a parabola over it, five tight places of an eighth of it."""
+        """Waves from a ninth to twice the travel, a parabola and two curves over it, five tight places of an eighth of
+        it."""
         low, high = _ends(states)
         span = max(high - low, 1e-3)
         waves = [(0.0, span / (0.5 + 0.5 * k), 0.0) for k in range(18)]
-        bend = [(1.0, span / 2, (low + high) / 2)]
+        bend = [(form, span / 2, (low + high) / 2) for form in (1.0, *_PLACES)]
         places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
         forms = (*waves, *bend, *places)
         return tuple({"form": f, "L": L, "p_0": p, "rest": rest} for rest in (0.0, 2.0) for f, L, p in forms)
@@ -323,7 +337,7 @@ class PositionDependentFriction(Mechanism):
         return shape[name], shape[name]
 
     def free(self, shape):
-        return (1, 0, 2, 1, 0)[round(shape["form"])]
+        return (1, 0, 2, 1, 0, 0, 0)[round(shape["form"])]
 
     def conditions(self, axis, shape):
         form, L, p_0 = round(shape["form"]), shape["L"], shape["p_0"]
