@@ -25,6 +25,7 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 from pido.physics.drive import answered_late
 
+_SHORTEST_S = 1e-3  # of what acts late: what is sooner acts at once
 _TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
 _SLOW_TIMES_S = (30.0, 100.0, 300.0)
 _HEAT_S = (1.0, 3.0, 10.0, *_SLOW_TIMES_S)
@@ -66,7 +67,7 @@ class Late(Unnamed):
 
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in powers of e."""
-        return {"tau": min(self.longest, float(shape["tau"] * np.exp(np.clip(by[0], -3, 3))))}
+        return {"tau": float(np.clip(shape["tau"] * np.exp(np.clip(by[0], -3, 3)), _SHORTEST_S, self.longest))}
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,10 @@ class Modulated(Late):
         if self.level:
             return f"dI = {own} * (k_0 + k * {late})"
         return f"dI = {f'(k_0 + k * {own})' if self.beside else f'k * {own}'} * ({late})"
+
+    def variants(self) -> tuple[Unnamed, ...]:
+        """The late cause by itself, where it may be that alone."""
+        return (Lagged(self.cause, self.loss, self.beside),) if self.beside else ()
 
     def over(self, known: Values, late: Float1D) -> Float2D:
         steady = FORMS[self.form](known[self.signal])

@@ -332,7 +332,7 @@ ROWS = [
         {"p_0": 42},
         0.95,
     ),
-    ("position_dependent_friction", "x", lambda f: 0.3 * (np.abs(f.pos["x"] - 42) < 8) * sgn(f), {"p_0": 42}, 0.8),
+    ("position_dependent_friction", "x", lambda f: 0.3 * (np.abs(f.pos["x"] - 42) < 8) * sgn(f), {"form": 6}, 0.8),
     (  # a worn stretch that begins steeply and ends gently
         "position_dependent_friction",
         "x",
