@@ -189,7 +189,7 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         axis=axis,
         noise_level=float(data["noise_level"]),
         terms=tuple(terms),
-        amplitudes=tuple(np.asarray(t["amplitudes"], float) for t in data["terms"]),
+        amplitudes=tuple(_amplitudes(term, t["amplitudes"]) for term, t in zip(terms, data["terms"], strict=True)),
         equation=None
         if equation is None
         else Equation(tuple(equation["names"]), np.asarray(equation["alone"]), np.asarray(equation["joint"])),
@@ -201,6 +201,12 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         largest=tuple(float(v) for v in data.get("largest", [])),
         known=tuple(str(name) for name in data.get("known", []) if name in _GIVEN_BY),
     )
+
+
+def _amplitudes(term: Term, kept: Sequence[float]) -> Float1D:
+    """As kept; a model of before has none of the amplitudes that its mechanism's later forms alone have."""
+    missing = len(term.mechanism.amplitudes) - len(kept)
+    return np.pad(np.asarray(kept, float), (0, max(missing, 0)))
 
 
 def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, Any]:

@@ -136,6 +136,16 @@ def test_models_of_before_are_read(own, law):
     assert axis_models(data)["x"].terms[0].mechanism == law
 
 
+def test_a_mechanism_that_has_more_forms_since_reads_the_numbers_of_before():
+    along = Term(next(m for m in CATALOGUE if m.id == "position_dependent_friction"))
+    along = along.with_shape(form=1.0, L=20.0, p_0=0.0, rest=0.0)
+    numbers = np.zeros(len(along.mechanism.amplitudes))
+    numbers[:3] = 0.1, 0.2, 0.3
+    data = as_json({"x": AxisModel("x", NOISE, (along,), (numbers,))})
+    data["axes"]["x"]["terms"][0]["amplitudes"] = [0.1, 0.2, 0.3]
+    np.testing.assert_array_equal(axis_models(data)["x"].amplitudes[0], numbers)
+
+
 def test_a_friction_that_its_heat_changes_from_a_level_of_its_own_is_one_law():
     tau, level = 4.0, 12.0  # s, mm²/s²
 
