@@ -124,15 +124,13 @@ def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
         carriers = _carriers(axis, known, place)
         if not len(numbers) or not carriers:
             continue
-        rows = np.array([_there(place, s, _carried(known, name, form)) for name, form in carriers])
-        rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
+        rows = _rows(known, place, carriers)
         gain = _gains(rows, s, numbers, few).T
         for (name, form), row, own in zip(carriers, rows, gain, strict=True):
             best = _best_that_is_met(place, s, row**2, numbers, own)
             if best is None:
                 continue
-            wave = Wave(place, known[place][1], name, known[name][1] if name else "–", form=form)
-            found.append((float(own[best]), Term(wave, (("L", float(1 / numbers[best])),))))
+            found.append((float(own[best]), _term(known, place, name, form, numbers[best])))
     return found
 
 
@@ -145,15 +143,14 @@ def _in_time(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
     clocks = [n for n in CLOCKS if n in known]
     if not clocks:
         return []
-    longest = max(float(np.ptp(known[clocks[0]][0][few.part == p])) for p in np.unique(few.part))
+    parts = [few.part == p for p in np.unique(few.part)]
+    longest = max(float(np.ptp(known[clocks[0]][0][part])) for part in parts)
     most = min(longest / _SHORTEST_PULSE_S, _LEAST_PULSES + _MOST / _PER_WAVE)
     numbers = np.arange(_LEAST_PULSES, most, 1 / _PER_WAVE) / longest if longest > 0 else np.zeros(0)
     if not len(numbers):
         return []
     s, carriers = known[clocks[0]][0], _carriers(axis, known, clocks[0])
-    rows = np.array([np.broadcast_to(_carried(known, name, form), s.shape) for name, form in carriers])
-    rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
-    parts = [few.part == p for p in np.unique(few.part)]
+    rows = _rows(known, clocks[0], carriers)
     apart = np.sum([_gains(rows[:, p], s[p], numbers, few.of(p)) for p in parts], axis=0)
     found = []
     for i in np.argsort(-apart.max(axis=0))[:_CARRIERS_IN_TIME]:
@@ -162,9 +159,20 @@ def _in_time(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
             s = known[clock][0]
             near = _near(float(numbers[np.argmax(apart[:, i])]), longest, float(np.ptp(s)))
             gain = _gains(rows[i : i + 1], s, near, few)[:, 0]
-            wave = Wave(clock, known[clock][1], name, known[name][1] if name else "–", form=form)
-            found.append((float(gain.max()), Term(wave, (("L", float(1 / near[np.argmax(gain)])),))))
+            found.append((float(gain.max()), _term(known, clock, name, form, near[np.argmax(gain)])))
     return found
+
+
+def _rows(known: Known, place: str, carriers: Sequence[tuple[str, str]]) -> Float2D:
+    """(k, m) – the carriers where the place is one, each at its own scale."""
+    rows = np.array([_there(place, known[place][0], _carried(known, name, form)) for name, form in carriers])
+    return rows / np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
+
+
+def _term(known: Known, place: str, name: str, form: str, number: float) -> Term:
+    """The wave of `number` per unit of the place on one carrier."""
+    wave = Wave(place, known[place][1], name, known[name][1] if name else "–", form=form)
+    return Term(wave, (("L", float(1 / number)),))
 
 
 def _near(number: float, longest: float, span: float) -> Float1D:

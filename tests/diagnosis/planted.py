@@ -34,9 +34,10 @@ def white(mismatch: Mismatch) -> Noise:
     return Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
 
 
-def planted(effect, strength=2.0, **how):
-    """A library of viscous friction, and white noise, over an effect: state -> (n,), A; strength : times the noise."""
-    states = axis_states([part(k, **how) for k in range(3)], "x")
+def planted(effect, strength=2.0, count=3, change=lambda k, recording: recording, **how):
+    """A library of viscous friction, and white noise, over an effect: state -> (n,), A, in parts changed first;
+    strength : times the noise."""
+    states = axis_states([change(k, part(k, **how)) for k in range(count)], "x")
     effects = [effect(s) for s in states]
     size = np.std(np.concatenate(effects))
     rng = np.random.default_rng(0)

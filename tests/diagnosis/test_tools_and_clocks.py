@@ -9,38 +9,33 @@ from pido.core.errors import DiagnosisError
 from pido.core.part import PartInfo, PartTool
 from pido.core.recording import Recording
 from pido.diagnosis.arms import Arm
-from pido.diagnosis.library import Library
-from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.signals import common_signals, signals
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import fit
 from pido.diagnosis.tools import ByTool
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
-from tests.diagnosis.planted import NOISE, VISCOUS, part, white
-
-PARTS = 5
+from tests.diagnosis.planted import NOISE, part, planted
 
 
 def found(effect, change=lambda k, recording: recording, strength=2.0):
-    """What the search without a name makes of an effect: state -> (n,), in parts that are changed first."""
-    states = axis_states([change(k, part(k)) for k in range(PARTS)], "x")
-    effects = [effect(s) for s in states]
-    size, rng = np.std(np.concatenate(effects)), np.random.default_rng(0)
-    mismatch = lay_out(states, [strength * NOISE / size * e + rng.normal(0, NOISE, len(e)) for e in effects])
-    noise = white(mismatch)
-    library = Library(mismatch, [Term(VISCOUS)])
-    library.whiten(noise)
+    """What the search without a name makes of an effect: state -> (n,), in five parts that are changed first."""
+    library, noise = planted(effect, strength, count=5, change=change)
     (term,), _ = with_unknown(library, noise, [], 0)
     model = AxisModel("x", NOISE, (term,), (np.ones(len(term.mechanism.amplitudes)),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)
-    return term, fit(mismatch, noise, [term]).amplitudes[0] * size / strength / NOISE
+    size = np.std(np.concatenate([effect(s) for s in library.mismatch.states]))
+    return term, fit(library.mismatch, noise, [term]).amplitudes[0] * size / strength / NOISE
+
+
+def columns_of(recording) -> dict:
+    return {name: recording[name] for name in recording.columns}
 
 
 def with_info(recording, **facts) -> Recording:
-    columns = {name: recording[name] for name in recording.columns}
-    return Recording(PartInfo(part=recording.part.part, machine="m", order=recording.part.order, **facts), columns)
+    info = PartInfo(part=recording.part.part, machine="m", order=recording.part.order, **facts)
+    return Recording(info, columns_of(recording))
 
 
 def began_at(k, recording) -> Recording:
@@ -49,17 +44,15 @@ def began_at(k, recording) -> Recording:
 
 def set_up_at(k, recording) -> Recording:
     """y begins 40 to 200 mm from where it was before."""
-    columns = {name: recording[name] for name in recording.columns}
-    return Recording(recording.part, columns | {"pos_y": recording["pos_y"] + (0, 130, 40, 200, 75)[k]})
+    return Recording(recording.part, columns_of(recording) | {"pos_y": recording["pos_y"] + (0, 130, 40, 200, 75)[k]})
 
 
 def milled(k, recording) -> Recording:
     """Three tools, a third of each part each, in an order that differs from part to part."""
     tools = np.roll(["3", "8", "20"], k)
     third = len(recording) // 3
-    columns = {name: recording[name] for name in recording.columns}
     which = np.repeat(tools, third).astype(float)
-    return Recording(recording.part, columns | {"tool_id": np.resize(which, len(recording))})
+    return Recording(recording.part, columns_of(recording) | {"tool_id": np.resize(which, len(recording))})
 
 
 def sawtooth(time):
@@ -116,8 +109,7 @@ def test_a_tool_that_no_other_part_had_says_nothing():
     def one_is_alone(k, recording):
         changed = milled(k, recording)
         tools = changed["tool_id"]
-        columns = {name: changed[name] for name in changed.columns}
-        return Recording(changed.part, columns | {"tool_id": np.where((tools == 3) & (k > 0), 8.0, tools)})
+        return Recording(changed.part, columns_of(changed) | {"tool_id": np.where((tools == 3) & (k > 0), 8.0, tools)})
 
     term, _ = found(by_tool, one_is_alone)
     assert isinstance(term.mechanism, ByTool)
