@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Int1D
 from pido.diagnosis.mismatch import Mismatch
@@ -292,22 +293,23 @@ def gains_together(grid: Grid, rows: Float32, residual: Float32) -> Float32:
 
 
 def gains_of_intervals(
-    rows: Float32, k: int, Q: Float32, residual: Float32, sign: float = 0.0
+    rows: csr_array, k: int, Q: Float32, residual: Float32, sign: float = 0.0
 ) -> tuple[Int1D, Int1D, Float1D]:
     """First and last class of every interval of classes, and what k columns would take away there together.
 
-    rows : (k * classes, n) – whitened rows of each column within each class; Q : (q, n) – orthonormal, what is in the
-    model; residual : (n,); sign : of the amplitude of one column, 0 where it may have any
+    rows : (k * classes, n), sparse – whitened rows of each column within each class; Q : (q, n) – orthonormal, what is
+    in the model; residual : (n,); sign : of the amplitude of one column, 0 where it may have any
     """
-    size = np.sqrt(np.einsum("ij,ij->i", rows, rows).reshape(k, -1).sum(axis=1))
-    rows = rows / np.repeat(np.where(size > 0, size, 1.0), len(rows) // k)[:, None].astype(np.float32)
-    onto = rows @ Q.T
-    count = len(rows) // k
-    gram = np.asarray(rows @ rows.T - onto @ onto.T, float).reshape(k, count, k, count)
+    power = np.asarray((rows * rows).sum(axis=1)).reshape(k, -1)
+    size, count = np.sqrt(power.sum(axis=1)), power.shape[1]
+    each = np.repeat(np.where(size > 0, size, 1.0), count)
+    onto = rows @ Q.T / each[:, None]
+    alone = (rows @ rows.T).toarray() / np.outer(each, each)
+    gram = (alone - onto @ onto.T).reshape(k, count, k, count)
     sums = np.zeros((k, count + 1, k, count + 1))
     sums[:, 1:, :, 1:] = gram.cumsum(axis=1).cumsum(axis=3)
     along = np.zeros((k, count + 1))
-    along[:, 1:] = np.asarray(rows @ residual, float).reshape(k, count).cumsum(axis=1)
+    along[:, 1:] = (rows @ residual / each).reshape(k, count).cumsum(axis=1)
     first, last = np.triu_indices(count)
     i, j = first, last + 1
     left = (sums[:, j, :, j] - sums[:, i, :, j] - sums[:, j, :, i] + sums[:, i, :, i]).reshape(-1, k, k)

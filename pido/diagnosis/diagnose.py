@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.core.machining import Machine
+from pido.core.memory import kept_memory
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
@@ -73,7 +74,7 @@ def diagnose(
     Raises DiagnosisError where nothing can be compared.
     """
     # Its arrays are small: threads of BLAS and trees that wait for one another cost more than they bring.
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1), kept_memory():
         return _diagnose(recordings, pair, machine, np.random.default_rng(seed), on_progress)
 
 
@@ -171,12 +172,18 @@ def _each(
     jobs = min(len(calls), os.cpu_count() or 1) if several else 1
     made: Iterator[Any] = (work(*given) for given in calls.values())
     if jobs > 1:
-        made = iter(Parallel(n_jobs=jobs, return_as="generator")(delayed(work)(*given) for given in calls.values()))
+        each = (delayed(_keeping_memory)(work, *given) for given in calls.values())
+        made = iter(Parallel(n_jobs=jobs, return_as="generator")(each))
     out: dict[str, Result] = {}
     for k, axis in enumerate(calls):
         tell(k, axis)
         out[axis] = next(made)
     return out
+
+
+def _keeping_memory(work: Callable[..., Result], *given: Any) -> Result:
+    with kept_memory():
+        return work(*given)
 
 
 def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:

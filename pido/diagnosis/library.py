@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.diagnosis.boxes import Space, space_of
@@ -100,11 +101,18 @@ class Library:
         """The reduced space in which a term may be confined, None where nothing varies."""
         return space_of(self.mismatch)
 
+    @cached_property
+    def whitening(self) -> csr_array:
+        """(n, n) – the matrix of the present noise."""
+        assert self.noise is not None
+        return self.noise.matrix()
+
     def whiten(self, noise: Noise) -> None:
         """From now on, under this noise."""
         if noise is self.noise:
             return
         self.noise = noise
+        self.__dict__.pop("whitening", None)
         self.whitened = np.empty_like(self.rows)
         for i in range(0, len(self.rows), _CHUNK):
             self.whitened[i : i + _CHUNK] = noise.whiten(self.rows[i : i + _CHUNK])

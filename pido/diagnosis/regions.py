@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.boxes import (
@@ -263,22 +264,23 @@ def _best_interval(
 
     Nothing is approximated: between two limits, whitened rows are the sum of those of the classes there.
     """
-    assert library.noise is not None
     others = tuple(g for g in score.term.gates if g.variable != variable)
-    columns = library.columns(replace(score.term, gates=others)).astype(np.float32)
+    columns = library.columns(replace(score.term, gates=others))
     cell = np.searchsorted(limits, space.variables[variable], side="right")
-    each = columns[:, None] * (cell == np.arange(len(limits) + 1)[:, None])  # (k, classes, n)
-    whitened = library.noise.whiten(each.reshape(-1, each.shape[-1]))
+    k, n = columns.shape
+    rows = np.arange(k)[:, None] * (len(limits) + 1) + cell
+    each = csr_array((columns.ravel(), (rows.ravel(), np.tile(np.arange(n), k))), shape=(k * (len(limits) + 1), n))
+    whitened = csr_array(each @ library.whitening.T)
     sign = _sign(library, score.term) if len(columns) == 1 else 0.0
-    first, last, gain = gains_of_intervals(whitened, len(columns), current.Q32, current.residual32, sign)
+    first, last, gain = gains_of_intervals(whitened, k, current.Q32, current.residual32, sign)
     # What is narrower than the least step between two levels is no range of speeds, but where a sign turns.
     low, high = np.r_[-np.inf, limits][first], np.r_[limits, np.inf][last]
     gain[high - low < space.places[variable].gaps.min()] = 0.0
     count = (first > 0).astype(int) + (last < len(limits)) + len(others)
     worth = -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - count * _charge_of_limit(library, current)
-    k = int(np.argmax(worth))
-    sides = [Gate(variable, low=float(limits[first[k] - 1]))] if first[k] > 0 else []
-    sides += [Gate(variable, high=float(limits[last[k]]))] if last[k] < len(limits) else []
+    at = int(np.argmax(worth))
+    sides = [Gate(variable, low=float(limits[first[at] - 1]))] if first[at] > 0 else []
+    sides += [Gate(variable, high=float(limits[last[at]]))] if last[at] < len(limits) else []
     gates = (*others, *sides)
     found = None if set(gates) == set(score.term.gates) else library.score(replace(score.term, gates=gates), current)
     return found if found is not None and _with_limits(found) < _with_limits(score) else score

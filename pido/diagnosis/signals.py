@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -60,11 +61,11 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
     length, speed = ("deg", "deg/s") if spindle else ("mm", "mm/s")
     a = state.axis
     found: dict[str, tuple[Float1D | Callable[[], Float1D | None] | None, str]] = {
-        f"v_{a}": (state.v * state.moving, speed),
+        f"v_{a}": (lambda: state.v * state.moving, speed),
         f"a_{a}": (state.a, f"{speed}²"),
         f"pos_{a}": (None if spindle else state.pos, length),
         **{f"pos_{axis}": (place, "mm") for axis, place in state.places.items() if axis != a},
-        **{f"from_{axis}": (place - place[0], "mm") for axis, place in state.places.items() if len(place)},
+        **{f"from_{axis}": (partial(_from_start, place), "mm") for axis, place in state.places.items() if len(place)},
         f"held_{a}": (state.held, "–"),
         f"speeding_{a}": (lambda: (state.v * state.a > 0).astype(float), "–"),
         f"braking_{a}": (lambda: (state.v * state.a < 0).astype(float), "–"),
@@ -89,11 +90,11 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         "coolant": (state.coolant, "–"),
         "pos_sp": (state.angle, "deg"),
         "uptime": (state.clock if state.clock is not None else None, "s"),
-        "t_part": (state.time - state.time[:1], "s"),
+        "t_part": (lambda: state.time - state.time[:1], "s"),
     }
     for name, other in state.others.items():
         if name != a:
-            found[f"v_{name}"] = (other.v * other.moving, "deg/s" if name == "sp" else "mm/s")
+            found[f"v_{name}"] = (partial(np.multiply, other.v, other.moving), "deg/s" if name == "sp" else "mm/s")
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
     out = {}
     for name in found if names is None else names:
@@ -190,6 +191,10 @@ def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]
     return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
 
 
+def _from_start(place: Float1D) -> Float1D:
+    return place - place[0]
+
+
 def _begin_elsewhere(axis: str, states: Sequence[AxisState]) -> bool:
     places = [s.places[axis] for s in states]
     travel = max(np.nanmax(p) for p in places) - min(np.nanmin(p) for p in places)
@@ -198,6 +203,9 @@ def _begin_elsewhere(axis: str, states: Sequence[AxisState]) -> bool:
 
 def _finite(values: Float1D) -> Float1D:
     """Unknown as zero, infinite (no reversal yet) as the largest known."""
-    known = values[np.isfinite(values)]
+    finite = np.isfinite(values)
+    if finite.all():
+        return values
+    known = values[finite]
     top = float(np.max(np.abs(known), initial=0.0))
     return np.nan_to_num(values, nan=0.0, posinf=top, neginf=-top)

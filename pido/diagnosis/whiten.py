@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.signal import lfilter
+from scipy.sparse import csr_array, dia_array, diags_array
 
 from pido.core.arrays import Array2D, Bool1D, Float1D, Int1D
 
@@ -53,6 +54,12 @@ class Noise:
         out *= (self.valid / self.innovation).astype(kind, copy=False)
         return out
 
+    def matrix(self) -> csr_array:
+        """(n, n), sparse: `whiten(rows)` is `rows @ matrix().T`, for rows that are zero nearly everywhere."""
+        n, lags = len(self.level), np.arange(len(self.ar) + 1)
+        past = np.r_[1.0, -self.ar][:, None] / self.level  # of the row that is a lag before
+        return csr_array(diags_array(self.valid / self.innovation) @ dia_array((past, -lags), shape=(n, n)).tocsr())
+
     @property
     def memory(self) -> float:
         """Integrated autocorrelation time, samples (>= 1)."""
@@ -75,11 +82,21 @@ class Averaged(Noise):
         """(k, n) -> (k, n): averages with independent errors of unit variance, zero in all rows but the first."""
         kind = np.float32 if rows.dtype == np.float32 else float
         scaled = rows * (self.counted / self.level).astype(kind)
-        count = np.add.reduceat(self.counted.astype(float), self.first)
         out = np.zeros_like(scaled)
-        share = 1.0 / (np.sqrt(np.maximum(count, 1.0)) * self.innovation)
-        out[..., self.first] = np.add.reduceat(scaled, self.first, axis=-1) * share.astype(kind)
+        out[..., self.first] = np.add.reduceat(scaled, self.first, axis=-1) * self._share().astype(kind)
         return out
+
+    def matrix(self) -> csr_array:
+        """(n, n), sparse: `whiten(rows)` is `rows @ matrix().T`."""
+        n = len(self.level)
+        of = np.repeat(np.arange(len(self.first)), np.diff(self.first, append=n))
+        values = self._share()[of] * self.counted / self.level
+        return csr_array((values, (self.first[of], np.arange(n))), shape=(n, n))
+
+    def _share(self) -> Float1D:
+        """(m,) – of a sum of scaled rows, what is an average of unit variance."""
+        count = np.add.reduceat(self.counted.astype(float), self.first)
+        return 1.0 / (np.sqrt(np.maximum(count, 1.0)) * self.innovation)
 
 
 def averaged(noise: Noise, residual: Float1D, part: Int1D, usable: Bool1D) -> Averaged | None:

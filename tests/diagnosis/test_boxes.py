@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.sparse import csr_array
 
 from pido.diagnosis.boxes import (
     cuts_of,
@@ -99,8 +100,8 @@ def test_what_two_columns_take_away_between_limits_is_the_least_squares_fit_besi
     y = 2.0 * columns[0] * (cell >= 1) * (cell <= 3) + rng.normal(size=n)
     residual = y - (Q @ y) @ Q
     rows = (columns[:, None] * (cell == np.arange(classes)[:, None])).reshape(-1, n)
-    single = [a.astype(np.float32) for a in (rows, Q, residual)]
-    first, last, gain = gains_of_intervals(single[0], 2, *single[1:])
+    single = [a.astype(np.float32) for a in (Q, residual)]
+    first, last, gain = gains_of_intervals(csr_array(rows), 2, *single)
     for i, j, g in zip(first, last, gain, strict=True):
         X = np.concatenate([Q, columns * ((cell >= i) & (cell <= j))])
         left = y - np.linalg.lstsq(X.T, y, rcond=None)[0] @ X

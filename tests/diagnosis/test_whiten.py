@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pido.diagnosis.whiten import autocorrelation_time, estimate_noise, fit_ar, robust_sd
+from pido.diagnosis.whiten import Noise, autocorrelation_time, averaged, estimate_noise, fit_ar, robust_sd
 
 
 def _ar(phi, n, rng, sd=1.0):
@@ -75,3 +75,13 @@ def test_spikes_do_not_move_the_level_of_the_noise_much():
     x = np.random.default_rng(6).normal(size=10_000)
     x[::100] += 50.0
     assert robust_sd(x) == pytest.approx(1.0, rel=0.15)
+
+
+def test_the_matrix_of_a_noise_is_what_it_does_to_rows():
+    rng = np.random.default_rng(6)
+    x, part = rng.normal(size=(4, 600)), np.repeat([0, 1], 300)
+    noise = Noise(np.array([0.5, 0.2, -0.1]), rng.uniform(0.5, 2.0, 600), 0.7, rng.random(600) > 0.1)
+    slow = averaged(noise, rng.normal(size=600), part, rng.random(600) > 0.2)
+    assert slow is not None
+    for each in (noise, slow):
+        np.testing.assert_allclose(x @ each.matrix().T.toarray(), each.whiten(x), atol=1e-12)
