@@ -7,7 +7,7 @@ Out: a Page: the verdict in one sentence; recorded, simulated and corrected sign
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from bokeh.models import BoxAnnotation, ColorBar, LinearColorMapper
@@ -18,7 +18,7 @@ from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, POSITION, VELOCITY
 from pido.core.recording import Recording
 from pido.diagnosis.contract import unit_of_series
-from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
+from pido.diagnosis.finding import Diagnosis, Estimate, Finding, PartSeries
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
 from pido.reports.words import in_words
@@ -26,6 +26,8 @@ from pido.reports.words import in_words
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
 MOST_MAP_POINTS = 3000
+MOST_NUMBERED = 8
+"""Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
 NOT_TOLD_APART = 20.0
 """Difference in BIC below which two mechanisms are equally good for these data."""
 
@@ -131,12 +133,26 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
         ]
         if names:
             lines.append(f"{says}: {', '.join(names)}.")
-    rows = [
-        (name, f"{number(e.value, 4)} {e.unit}", f"{number(e.ci95[0], 4)} … {number(e.ci95[1], 4)} {e.unit}")
-        for name, e in f.parameters.items()
-    ]
+    rows = _parameters(f.parameters)
     table = Table(("parameter", "value", "95 % interval"), rows) if rows else None
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
+
+
+def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]]:
+    """A row per parameter: name, value, interval; one for all that are numbered where these are many, as of a curve."""
+    numbered = {name: e for name, e in parameters.items() if name.rpartition("_")[2].isdigit()}
+    many = numbered if len(numbered) > MOST_NUMBERED else {}
+    rows = [
+        (name, f"{number(e.value, 4)} {e.unit}", f"{number(e.ci95[0], 4)} … {number(e.ci95[1], 4)} {e.unit}")
+        for name, e in parameters.items()
+        if name not in many
+    ]
+    if many:
+        first, *_, last = many
+        low, high = (number(end(e.value for e in many.values()), 4) for end in (min, max))
+        unit = many[first].unit
+        rows.insert(0, (f"{first} … {last}", f"{len(many)} values, {low} to {high} {unit}", "each in diagnosis.json"))
+    return rows
 
 
 def _chance(p: float) -> str:

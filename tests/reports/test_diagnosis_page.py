@@ -190,3 +190,18 @@ def test_a_finding_without_a_name_shows_its_formula_in_the_summary():
     unknown = replace(diagnosis.findings[0], mechanism="unknown", kind="unexplained", equation=formula, where=where)
     (line, _) = summary(replace(diagnosis, findings=(unknown,)))
     assert line.startswith(f"x   unknown   depending on v_x and v_y: {formula}   RMSE")
+
+
+def test_the_knots_of_a_curve_share_one_row_and_few_numbered_parameters_have_their_own():
+    diagnosis, recording = _diagnosis()
+    finding = diagnosis.findings[0]
+
+    def rows(count: int) -> list[str]:
+        knots = {f"g_{i}": Estimate(0.1 * i, "A", (0.1 * i - 0.05, 0.1 * i + 0.05)) for i in range(count)}
+        with_lag = {**knots, "lag": Estimate(0.02, "s", (0.01, 0.03))}
+        page = diagnosis_page(replace(diagnosis, findings=(replace(finding, parameters=with_lag),)), [recording])
+        (table,) = [s.table for s in page.sections if s.table is not None and "parameter" in s.table.head]
+        return [" ".join(map(str, row)) for row in table.rows]
+
+    assert rows(42) == ["g_0 … g_41 42 values, 0 to 4.1 A each in diagnosis.json", "lag 0.02 s 0.01 … 0.03 s"]
+    assert len(rows(3)) == 4
