@@ -179,11 +179,14 @@ def _trusted(
     needed = relevant_bins(path.reduced, method.grid)
     asks = taken(path, method.grid, trust.spacing, rng)
     some = np.flatnonzero(asks.any(axis=1))
-    steady, its_error = steadier(path.take(some), real, machine, trust.tried, train)
-    follow = np.isfinite(steady)
-    asks = asks[some] & ([terms is not None for terms in trust.terms] | follow)
+    steady, its_error, own_error = steadier(path.take(some), real, machine, trust.tried, train)
+    followed = np.any(np.isfinite(steady), axis=0)  # axes: their whole path goes with such rows
+    asks = asks[some] & ([terms is not None for terms in trust.terms] | followed)
     ask = asks.any(axis=1)
-    rows, asks, steady, its_error, follow = path.take(some[ask]), asks[ask], steady[ask], its_error[ask], follow[ask]
+    rows, asks, steady, its_error, own_error = (
+        path.take(some[ask]), asks[ask], steady[ask], its_error[ask], own_error[ask]
+    )  # fmt: skip
+    follow = np.isfinite(steady)
     n = len(rows)
     rows = replace(
         rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64), origin=np.full(n, PIE, np.int64),
@@ -195,13 +198,15 @@ def _trusted(
         beside = anchored(beside, path, train, method.grid, rng)
     verdict = np.full((n, 4), PASSED)
     if n:
-        said, error, where = currents(
-            rows, real, machine, trust, train, method.omega_data, beside, method.omega_generated
+        said, error, where, own = currents(
+            rows, real, machine, trust, train, method.omega_data, beside, method.omega_generated, followed
         )
         said, error = np.where(follow, steady, said), np.where(follow, its_error, error)
+        rest = followed & np.isnan(said)
+        said, error = np.where(rest, own, said), np.where(rest, own_error, error)
         most = np.array([machine.current_max_a.get(axis, np.inf) for axis in AXES])
         verdict[np.isnan(said)] = WORSE_THAN_MODEL
-        verdict[(where == len(LEVELS)) & ~follow] = NO_SUPPORT
+        verdict[(where == len(LEVELS)) & ~follow & ~rest] = NO_SUPPORT
         verdict[np.abs(said) > most] = BEYOND_DRIVE
         passed = (verdict == PASSED) & asks
         rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))

@@ -1,7 +1,7 @@
 """Who wavers less where the coming path goes: the model, or an equation?
 
 In:  rows of the path, recorded rows, term sets, a way to train a model. Out: currents of an equation where it is
-     followed, and their expected errors.
+     followed, their expected errors, and what the model's own word is off by.
 
 No play of an arrival (`pido.sampling.trust`) shows a path unlike all that was recorded. A spindle that has run at one
 speed drew a lot of current while it ran up through the lower ones. Whether that was for the acceleration or for the
@@ -13,6 +13,10 @@ So both are asked again with each of six stretches (or parts) left out. The vari
 and that of an equation has its mean square residual added: what it does not contain does not waver. It is followed
 where its standard error is a third of the model's at most, and for axes on which it was no worse than the model on half
 of the stretches that were left out: to be steady is not to be right.
+
+Rows where it is followed are no fair share of a path: mostly those of large currents. Where a path has a spindle speed
+of its own, trees that learn of it from these rows alone take all of the path for such: on a virtual mill, right rows
+made one axis four times as wrong elsewhere. So the other rows of the path go with them, with the model's own word.
 """
 
 from __future__ import annotations
@@ -36,12 +40,13 @@ _STRETCHES = 3  # fewer say little of how much an answer wavers
 
 def steadier(
     rows: Samples, real: Samples, machine: Machine, tried: Sequence[TermSet], train: Train
-) -> tuple[Float2D, Float2D]:
-    """Currents by an equation, and their expected errors: (n, 4) each, A; NaN where none is followed.
+) -> tuple[Float2D, Float2D, Float2D]:
+    """Currents by an equation, their expected errors, and those of the model: (n, 4) each, A; the first two NaN where
+    no equation is followed, the last where the model says nothing.
 
     Of the equations in `tried` that may be followed, an axis has the one that wavers least on the mean of these rows.
     """
-    said, error = np.full((2, len(rows), 4), np.nan)
+    said, error, own = np.full((3, len(rows), 4), np.nan)
     real = real.take(np.lexsort((real.row, real.part.astype(str))))  # the order of arrival must not matter
     real = real.take(np.flatnonzero(np.isfinite(real.currents).any(axis=1)))
     if len(real) > _ASKED:
@@ -50,7 +55,7 @@ def steadier(
     outs = [fold == k for k in np.unique(fold)]
     outs = [out for out in outs if min(out.sum(), (~out).sum()) >= _LEAST]
     if len(outs) < _STRETCHES or not len(rows):
-        return said, error
+        return said, error, own
 
     def asked(known: Samples) -> list[Callable[[Samples], Float2D]]:
         """The model first, then the equations."""
@@ -74,7 +79,8 @@ def steadier(
             follow = _STEADIER**2 * variance[best, :, i] <= variance[0, :, i]
             said[follow, i] = with_all[best][follow, i]
             error[follow, i] = np.sqrt(variance[best, follow, i])
-    return said, error
+    own = np.sqrt(variance[0] + missed[0].mean(axis=0))
+    return said, error, own
 
 
 def _mean_square(miss: Float2D) -> Float1D:

@@ -259,18 +259,21 @@ def region(rows: Samples, real: Samples, equations: Sequence[GlobalEquation]) ->
 
 def currents(
     rows: Samples, real: Samples, machine: Machine, trust: Trust, train: Train, omega: float = 1.0,
-    beside: Samples | None = None, generated: float = 1.0,
-) -> tuple[Float2D, Float2D, Int2D]:  # fmt: skip
-    """Currents t + w (e - t) of the rows, their expected errors, and their regions: (n, 4) each; NaN where w is 0.
+    beside: Samples | None = None, generated: float = 1.0, also: Bool1D | None = None,
+) -> tuple[Float2D, Float2D, Int2D, Float2D]:  # fmt: skip
+    """Currents t + w (e - t) of the rows, their expected errors, their regions, and t: (n, 4) each; the first two NaN
+    where w is 0.
 
     beside : anchored rows of weight `generated`, which t learns from as well
+    also : (4,) - axes whose t is asked for although no equation is trusted there
     """
     known, weights = real, np.full((len(real), 4), omega)
     if beside is not None and len(beside):
         known, weights = Samples.concat([real, beside]), np.vstack([weights, np.full((len(beside), 4), generated)])
     used = np.array([terms is not None for terms in trust.terms])
+    used = used if also is None else used | also
     asked = replace(known, currents=np.where(used, known.currents, np.nan))  # other axes need no model
-    model = train(asked, weights)(rows) if trust.any else np.full((len(rows), 4), np.nan)
+    model = train(asked, weights)(rows) if used.any() else np.full((len(rows), 4), np.nan)
     equations = {terms.id: fit_global(real, machine, terms) for terms in trust.tried}
     where = region(rows, real, list(equations.values()))
     axis = np.arange(4)
@@ -280,7 +283,7 @@ def currents(
         if terms is not None:
             said[:, i] += share[:, i] * (equations[terms.id].predict(rows)[:, i] - model[:, i])
     silent = (share == 0) | ~np.isfinite(said)
-    return np.where(silent, np.nan, said), np.where(silent, np.nan, error), where
+    return np.where(silent, np.nan, said), np.where(silent, np.nan, error), where, model
 
 
 def _plays(real: Samples) -> Iterator[tuple[str, Bool1D]]:

@@ -370,8 +370,8 @@ def half_trusted(*used):
 
 def test_an_axis_without_generated_rows_leaves_those_of_the_others_as_they_are():
     real, rows, train = milling(300), milling(100, 5), quick_trainer()
-    every, error, where = currents(rows, real, MILL, half_trusted(0, 1, 2, 3), train)
-    some, its_error, its_where = currents(rows, real, MILL, half_trusted(0, 3), train)
+    every, error, where, _ = currents(rows, real, MILL, half_trusted(0, 1, 2, 3), train)
+    some, its_error, its_where, _ = currents(rows, real, MILL, half_trusted(0, 3), train)
     assert np.isnan(some[:, 1:3]).all()
     assert np.isfinite(some[:, [0, 3]]).any()
     np.testing.assert_array_equal(some[:, [0, 3]], every[:, [0, 3]])

@@ -8,9 +8,10 @@ from pido.config import MethodSettings
 from pido.core.samples import PIE, Samples
 from pido.equations.choose import PAPER_CHOICE
 from pido.models.axis_models import AxisModels, quick_trainer
-from pido.sampling.method import adapt, balance_for
+from pido.sampling.method import Adaptation, Method, adapt, balance_for
+from pido.sampling.shares import ShareRule
 from pido.sampling.steady import steadier
-from pido.sampling.trust import SHIPPED
+from pido.sampling.trust import SHIPPED, Trust
 from tests.sampling.test_sampling import MILL, milling
 
 SPINDLE = 3
@@ -38,7 +39,7 @@ def slower(n: int = 300, seed: int = 5) -> Samples:
 
 def test_an_equation_is_followed_at_a_speed_that_was_only_passed_in_a_run_up():
     real, path = run_up(), slower()
-    said, error = steadier(path, real, MILL, SHIPPED, quick_trainer())
+    said, error, own = steadier(path, real, MILL, SHIPPED, quick_trainer())
     follow = np.isfinite(said[:, SPINDLE])
     assert follow.mean() > 0.5
     miss = (said - path.currents)[follow, SPINDLE]
@@ -46,6 +47,7 @@ def test_an_equation_is_followed_at_a_speed_that_was_only_passed_in_a_run_up():
     assert np.sqrt(np.mean(miss**2)) < 0.3 * np.sqrt(np.mean(alone**2))
     assert (error[follow, SPINDLE] > 0).all()
     np.testing.assert_array_equal(np.isfinite(error), np.isfinite(said))
+    assert np.median(own[follow, SPINDLE]) > 3 * np.median(error[follow, SPINDLE])
 
 
 def test_a_model_that_does_not_waver_is_left_alone():
@@ -102,3 +104,24 @@ def test_models_learn_the_new_speed_from_rows_of_the_path():
 
     helped = AxisModels.fit(Samples.concat([real, made.generated]), weights)
     assert rmse(helped) < 0.5 * rmse(AxisModels.fit(real))
+
+
+def test_rows_that_follow_an_equation_do_not_speak_for_the_whole_path():
+    """Trees that learn of a new place from these alone take all of it for such: the others go with the model's word."""
+    real, part_slow = run_up(), slower()
+    inputs = part_slow.inputs.copy()
+    inputs[80:, 6] += 4_000  # the speed that was recorded
+    path = replace(part_slow, inputs=inputs, currents=np.full_like(part_slow.currents, np.nan))
+    train, none = quick_trainer(), np.zeros((4, 5))
+    trust = Trust((None,) * 4, none, none + np.inf, (0.0,) * 4, SHIPPED)
+    adaptation = Adaptation(PAPER_CHOICE, None, (ShareRule(),) * 4, {}, len(real), trust)
+    made = balance_for(path, real, MILL, Method(), adaptation, rng=np.random.default_rng(2), train=train).generated
+    said, error, own_error = steadier(made, real, MILL, SHIPPED, train)
+    follow = np.isfinite(said[:, SPINDLE])
+    assert 10 < follow.sum() < 0.5 * len(made)
+    assert np.isfinite(made.currents[:, SPINDLE]).all()
+    np.testing.assert_array_equal(made.currents[follow, SPINDLE], said[follow, SPINDLE])
+    own = train(real, np.ones((len(real), 4)))(made)
+    np.testing.assert_array_equal(made.currents[~follow, SPINDLE], own[~follow, SPINDLE])
+    np.testing.assert_array_equal(made.expected_error[~follow, SPINDLE], own_error[~follow, SPINDLE])
+    np.testing.assert_array_equal(made.expected_error[follow, SPINDLE], error[follow, SPINDLE])
