@@ -81,6 +81,22 @@ def test_where_a_part_leaves_what_was_recorded_only_axes_whose_models_stay_stead
     assert got(replace(real, inputs=steady), path) == [True, False, True, False]
 
 
+def test_a_part_that_leaves_what_was_recorded_in_a_few_rows_is_asked_about_these():
+    real, path = milling(600, 1), milling(300, 2)
+    inputs = path.inputs.copy()
+    inputs[:12, :2] *= 20
+    path = replace(path, inputs=inputs)
+
+    def moved(samples, weights):
+        far = real.currents.std(axis=0) * [0.5, 3.0, 0.0, 0.0] if len(samples) > len(real) else np.zeros(4)
+        near = real.currents.std(axis=0) * [0.0, 0.0, 3.0, 0.0] if len(samples) > len(real) else np.zeros(4)
+        return lambda rows: np.where(np.abs(rows.inputs[:, :2]).max(axis=1)[:, None] > 100, far, near)
+
+    made = anchored(real, path, moved, SAMPLING_GRID, np.random.default_rng(0))
+    # y changes by three spreads in a twenty-fifth of the path; z does where rows were recorded, which is what they are for
+    assert np.isfinite(made.currents).any(axis=0).tolist() == [True, False, True, True]
+
+
 def test_of_many_rows_an_even_share_is_asked_whether_models_stay_steady():
     asked = []
 
