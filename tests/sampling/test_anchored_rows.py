@@ -93,7 +93,7 @@ def test_a_part_that_leaves_what_was_recorded_in_a_few_rows_is_asked_about_these
         return lambda rows: np.where(np.abs(rows.inputs[:, :2]).max(axis=1)[:, None] > 100, far, near)
 
     made = anchored(real, path, moved, SAMPLING_GRID, np.random.default_rng(0))
-    # y changes by three spreads in a twenty-fifth of the path; z does where rows were recorded, which is what they are for
+    # y changes by three spreads in a twenty-fifth of the path, z where rows were recorded: that is what they are for
     assert np.isfinite(made.currents).any(axis=0).tolist() == [True, False, True, True]
 
 
