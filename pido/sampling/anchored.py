@@ -7,12 +7,12 @@ the recorded one with a twentieth of each input's spread added. Rare currents ar
 Torgo, Ribeiro, PMLR 74, 2017): a run-up of the spindle is a few rows, and a forest with several rows to a leaf draws it
 to its surroundings; with rows around it, it does not.
 
-Where the coming part goes where rows were recorded, every axis gets them. Where it leaves them, such rows say nothing new:
-if a model's answers on the path change by more than a quarter of the spread of the recorded currents all the same, it
-carries them to where nothing was recorded, and that axis gets none. On virtual mills a run-up of the spindle, carried so,
-was up to ten times the error; with half the spread, one axis of a real air cut was 3 % worse. Of a path that leaves them
-here and there only those rows are asked, which count by their share of it: on a small mill whose spindle stopped once, a
-twentieth of a part made the error of all of it 1.7 times as large.
+Only a coming part that goes where rows were recorded gets them; elsewhere they say nothing new, and change the error of a
+model by nothing on the mean of four machines, and threefold where they carry a run-up of the spindle to where nothing was
+recorded. The same may happen in the few rows in which a part leaves what was recorded: an axis whose answers there change
+by so much that it is half the spread of the recorded currents on the whole path gets none. (On a small mill whose spindle
+stopped once, a twentieth of a part made the error of all of it 1.7 times as large; a quarter of the spread would have
+taken a real air cut's gains.)
 
 What an equation says of the way between two rows so near adds nothing that could be measured on four machines; far from
 both, where a term is large, it does harm. Equations speak where nothing was recorded (`pido.sampling.trust`, `pido.sampling.steady`).
@@ -39,33 +39,35 @@ _RAREST = 0.1  # of the commonest current's density; what is rarer still is no l
 _POOL = 20_000  # rows among which neighbours are looked for
 _FAR = 3.0  # times the distance within which recorded rows have their neighbours
 _MOST_FAR = 0.1  # of a path's rows: with more, it is a path elsewhere
-_STEADY = 0.25  # of the spread of recorded currents: what rows that say nothing new may change on a path
+_STEADY = 0.5  # of the spread of recorded currents: what rows that say nothing new may change on a path
 _ASKED = 4_000  # recorded rows, and rows of a path, that either is asked of
 
 
 def anchored(real: Samples, path: Samples, train: Train, grid: Grid, rng: np.random.Generator) -> Samples:
-    """PiA rows around rows of `real`, in whatever order it holds its parts, for every axis that was recorded there;
-    where the path leaves what was recorded, for those whose models they leave steady on it.
+    """PiA rows around rows of `real`, in whatever order it holds its parts, for every axis that was recorded there and
+    whose model they leave steady where the path leaves it; none for a path that goes elsewhere.
 
     path : the coming part; its currents are not looked at
     A row carries the part and row of its anchor, the bin it lies in, and as expected error what two rows so near differ
     by. Its other currents are NaN.
     """
-    real = real.take(np.lexsort((real.row, real.part.astype(str))))
+    real, none = real.take(np.lexsort((real.row, real.part.astype(str)))), real.take(slice(0, 0))
+    if not len(real) or not len(path):
+        return none
+    path = path if len(path) <= _ASKED else path.take(rng.choice(len(path), _ASKED, replace=False))
     scale, made = scale_of(real.inputs), []
     scaled = real.inputs / scale
+    far = _far(path, real, scaled, scale, rng)
+    if far.mean() > _MOST_FAR:
+        return none
     for axis in range(4):
         rows = np.flatnonzero(np.isfinite(real.currents[:, axis]))
         if len(rows) > 2 * _NEIGHBOURS:
             made.append(_around(real, scaled, rows, axis, scale, grid, rng))
-    if not made or not len(path):
-        return real.take(slice(0, 0))
-    rows = Samples.concat(made)
-    path = path if len(path) <= _ASKED else path.take(rng.choice(len(path), _ASKED, replace=False))
-    far = _far(path, real, scaled, scale, rng)
-    if not far.any():
+    rows = Samples.concat(made) if made else none
+    if not far.any() or not len(rows):
         return rows
-    steady = _steady(real, rows, path, far if far.mean() <= _MOST_FAR else np.ones(len(path), bool), train, rng)
+    steady = _steady(real, rows, path, far, train, rng)
     return rows.take(np.flatnonzero(np.isfinite(rows.currents[:, steady]).any(axis=1)))
 
 
