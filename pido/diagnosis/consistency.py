@@ -29,6 +29,7 @@ _REACH = 3  # samples to either side that a filter in the control may delay or b
 _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.03  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
 _FAR_BEYOND = 10.0  # times what one speed in a thousand differs by from its neighbours
+_NO_DRIVE = 2.0  # times the largest acceleration and change of speed elsewhere: no drive does that for a sample or two
 _FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
 _MORE = 3.0  # times what any stretch of the same length loses elsewhere
 _SEVERAL = 10  # lengths of a stretch, fewer of which do not say what is usual
@@ -203,12 +204,15 @@ def _speed_and_acceleration(
             frozen[i : j + 1] = True
     # One-sided differences: a central one smooths the shortest moves away.
     v = _filled(v)
-    rough_a, rough_rate = _spread(a), _spread(np.diff(v, prepend=v[:1]) / np.median(np.diff(time)))
+    sudden = np.diff(v, prepend=v[:1]) / np.median(np.diff(time))
+    rough_a, rough_rate = _spread(a), _spread(sudden)
     bad = (np.abs(off) > usual + np.minimum(rough_a, rough_rate)) & use & ~frozen
     spike_a, spike_v = np.zeros(len(time), bool), np.zeros(len(time), bool)
     swing = np.abs(v - median_filter(v, 2 * _REACH + 1))
     calm = np.isfinite(swing) & ~_grown(bad, _REACH)
     beyond = _FAR_BEYOND * float(np.quantile(swing[calm], 0.999)) if bad.any() and calm.any() else np.inf
+    # Beside the samples that contradict each other.
+    hardest = max(float(np.nanmax(np.abs(each[calm]), initial=0.0)) for each in (a, sudden)) if calm.any() else np.inf
     for i, j in runs(_closed(bad, 2)):
         if not _has_neighbours(i, j, bad):
             continue
@@ -220,7 +224,8 @@ def _speed_and_acceleration(
             # A speed that follows from a wrong position agrees with it. No drive reaches in a sample or two, and leaves
             # again, what is far beyond every change elsewhere: there the acceleration is right.
             size = np.abs(v[i : j + 1] - _calm(v, i, j))
-            if (not seen or size.max() > beyond) and not _smoothed(time, v, a, i, j):
+            no_drive = np.max(np.abs(sudden[i : j + 2])) > _NO_DRIVE * hardest
+            if (not seen or size.max() > beyond or no_drive) and not _smoothed(time, v, a, i, j):
                 spike_v[i : j + 1] |= size > 0.5 * size.max()
     out.a[FROZEN], out.a[SPIKE] = frozen, spike_a
     if spike_v.any():

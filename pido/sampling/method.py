@@ -29,7 +29,7 @@ from pido.equations.terms import TermSet
 from pido.feature_space.density import locate, occupancy, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid, touched
 from pido.feature_space.regional import HeldOut
-from pido.sampling.anchored import anchored
+from pido.sampling.anchored import anchored, unsaid
 from pido.sampling.gate import BEYOND_DRIVE, NO_SUPPORT, NOT_RECORDED, OPEN, PASSED, WORSE_THAN_MODEL, Gate
 from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
@@ -186,7 +186,7 @@ def _trusted(
     rows, asks, steady, its_error, own_error = (
         path.take(some[ask]), asks[ask], steady[ask], its_error[ask], own_error[ask]
     )  # fmt: skip
-    follow = np.isfinite(steady)
+    follow, at = np.isfinite(steady), some[ask]
     n = len(rows)
     rows = replace(
         rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64), origin=np.full(n, PIE, np.int64),
@@ -195,7 +195,7 @@ def _trusted(
     beside = real.take(slice(0, 0))
     if any(trust.anchored):
         beside = replace(real, currents=np.where(trust.anchored, real.currents, np.nan))
-        beside = anchored(beside, path, train, method.grid, rng)
+        beside = anchored(beside, replace(path, row=np.arange(len(path))), train, method.grid, rng)
     verdict = np.full((n, 4), PASSED)
     if n:
         said, error, where, own = currents(
@@ -210,8 +210,9 @@ def _trusted(
         verdict[np.abs(said) > most] = BEYOND_DRIVE
         passed = (verdict == PASSED) & asks
         rows = replace(rows, currents=np.where(passed, said, np.nan), expected_error=np.where(passed, error, np.nan))
-    generated = rows.take(((verdict == PASSED) & asks).any(axis=1))
-    generated = Samples.concat([generated, beside])
+        beside = unsaid(beside, at, rows.currents)
+    beside = replace(beside, row=np.where(beside.origin == PIE, -1, beside.row))
+    generated = Samples.concat([rows.take(((verdict == PASSED) & asks).any(axis=1)), beside])
     asked = np.bincount(locate(needed, rows.voxel)[1], minlength=len(needed)) if n else np.zeros_like(needed)
     refused = np.stack([((verdict == reason) & asks).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
     n_real = occupancy(real.reduced, method.grid).count_in(needed)

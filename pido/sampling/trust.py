@@ -39,7 +39,7 @@ from pido.equations.fit import GlobalEquation, fit_global
 from pido.equations.terms import FRICTION, HELD, HELD_SMALL, TermSet
 from pido.feature_space.grid import SAMPLING_GRID, Grid
 from pido.feature_space.regional import folds
-from pido.sampling.anchored import anchored
+from pido.sampling.anchored import anchored, unsaid
 
 log = logging.getLogger(__name__)
 
@@ -182,7 +182,8 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
     ratio = np.zeros((len(tried), len(plays), 4))  # log of the error over that of the model without such rows
     for k, play in enumerate(plays):
         base = _square(play.model - play.left.currents)
-        beside = anchored(play.rest, play.left, train, grid, np.random.default_rng(0))
+        left = replace(play.left, row=np.arange(len(play.left)))
+        beside = anchored(play.rest, left, train, grid, np.random.default_rng(0))
         for c, (spacing, more) in enumerate(tried):
             if more and not len(beside):
                 ratio[c, k] = ratio[0, k] if trust.any else 0.0
@@ -195,7 +196,10 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
                 known = replace(known, currents=np.where(used, known.currents, np.nan))
             rows = _of_play(play, trust, spacing, grid, train(known, weights)(play.left) if more else play.model)
             if len(rows) or more:
-                weights = np.vstack([weights, np.full((len(rows), 4), generated)])
+                if more:
+                    known = Samples.concat([play.rest, unsaid(beside, rows.row, rows.currents)])
+                weights = np.full((len(known) + len(rows), 4), generated)
+                weights[: len(play.rest)] = omega
                 helped = train(Samples.concat([known, rows]), weights)(play.left)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     ratio[c, k] = 0.5 * np.log(_square(helped - play.left.currents) / base)
@@ -227,7 +231,8 @@ def _of_play(play: _Play, trust: Trust, spacing: Spacing, grid: Grid, model: Flo
     silent = (trust.share[np.arange(4), play.where] == 0) | ~np.isfinite(said)
     take = taken(play.left, grid, (spacing,) * 4, np.random.default_rng(0))
     origin = np.full(len(play.left), PIE, np.int64)
-    rows = replace(play.left, origin=origin, currents=np.where(take & ~silent, said, np.nan))
+    number = np.arange(len(play.left))
+    rows = replace(play.left, origin=origin, row=number, currents=np.where(take & ~silent, said, np.nan))
     return rows.take(np.flatnonzero(np.isfinite(rows.currents).any(axis=1)))
 
 
