@@ -214,6 +214,21 @@ def test_a_speed_that_follows_from_a_wrong_position_is_told_by_the_acceleration(
     assert faulty(broken, "x").sum() < 20
 
 
+@pytest.mark.parametrize("beside", [80.0, 20.0])
+def test_a_spike_of_a_wrong_position_during_quick_motion_is_told_by_what_no_drive_does(beside):
+    """Rapids change the speed from sample to sample by `beside` mm/s: only twice what the axis does is too much."""
+    t = np.arange(0.0, 60.0, 0.02)
+    a = beside / 0.02 * np.where(np.mod(t, 3.0) < 0.2, np.sin(2 * np.pi * t / 0.2), 0.0)
+    v = 5.0 + np.cumsum(a) * 0.02
+    pos = np.cumsum(v) * 0.02
+    off = np.zeros(len(t))
+    off[1500:1504] = 3.0  # mm, for four samples while the axis is fed
+    wrong_v = v + np.gradient(off, 0.02)
+    columns = {"time": t, "pos_x": pos + off, "v_x": wrong_v, "a_x": np.gradient(v, 0.02)}
+    found = input_faults(Recording(PartInfo(part="p", machine="m"), columns))
+    assert ("v_x" in found) == (beside == 20.0)
+
+
 def test_a_position_stays_lost_after_a_jump_but_its_differences_may_be_used():
     clean = axis_in_motion(100.0, seed=2)
     broken = put(clean, "pos_x", slice(2500, None), np.full(len(clean) - 2500, 800.0))
