@@ -4,6 +4,7 @@ python -m benchmarks.newcomer --cases 50 --seed 1 --workers 2 --out out/newcomer
 python -m benchmarks.newcomer --cases 50 --seed 1 --from 10 --to 20 --out out/newcomer   some of the same cases
 python -m benchmarks.newcomer --cases 50 --seed 1 --draw out/drawn                       only the cases
 python -m benchmarks.newcomer --edition 2 --cases 51 --seed 1 --group outside            further machines, one group
+python -m benchmarks.newcomer --edition 3 --cases 60 --seed 1 --draw out/drawn           others again
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def write(task: Task, folder: Path, sealed: Path) -> list[Path]:
 
 NEWCOMER = Generator(
     "benchmarks.newcomer",
-    "fifteen further kinds of machines, in two editions, that share no formula with them",
+    "twenty-five further kinds of machines, in three editions, that share no formula with them",
     plan,
     write,
     later=tuple(partial(plan, edition=n) for n in EDITIONS if n > 1),

@@ -86,11 +86,19 @@ def assemble(
             for s, e, n in zip(sim[a], beside, noises[a].rows, strict=True)
         ]
     needs, known = {task.what, *(str(e.shape.get("law", e.mechanism)) for e in effects)}, {**CONCEALED, **OUTSIDE}
-    facts = any(known[n].facts for n in needs if n in known) or "sensor_offset" in needs
-    rich = facts or bool(rng.random() < 0.5)
+    facts, bare = any(known[n].facts for n in needs if n in known) or "sensor_offset" in needs, machine.kind.bare
+    require_fair(not (facts and bare), "a log that does not say what is needed")
+    rich = not bare and (facts or bool(rng.random() < 0.5))
     optional = ("nc_line", "tool_id", "coolant")
-    columns = [name for name in optional if rich or rng.random() < 0.5]
+    columns = [name for name in optional if not bare and (rich or rng.random() < 0.5)]
+    if machine.kind.sim_step:
+        sim = {a: _told(sim[a], machine.kind.sim_step * machine.amps[a]) for a in AXES}
     return Case(task, parts, sim, recorded, effect, effects, rich, columns, int(rng.integers(2**31)))
+
+
+def _told(columns: Columns, step: float) -> list[Float1D]:
+    """As a simulation writes its currents down that counts in steps, A."""
+    return [np.round(c / step) * step for c in columns]
 
 
 def moving(parts: Sequence[Part]) -> Bool1D:

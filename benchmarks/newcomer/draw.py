@@ -29,7 +29,7 @@ from benchmarks.newcomer.machines import draw_machine
 from benchmarks.newcomer.noise import Noise
 from benchmarks.newcomer.parts import Length, Part, draw_parts
 from benchmarks.newcomer.second.textbook import require_beyond, textbook
-from benchmarks.newcomer.world import Columns, Law, World, draw_terms, driver, simulate, terms_of
+from benchmarks.newcomer.world import Columns, Concealed, Law, World, draw_terms, driver, simulate, terms_of
 from benchmarks.sealed_truth import Effect, Task, UnfairError, require_fair
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import AXES
@@ -38,11 +38,10 @@ _log = logging.getLogger(__name__)
 
 MOST_DRAWS = 200
 MOST_BOXES = 40
-EXPECTED = Length()
 
 
-def draw_case(task: Task, length: Length = EXPECTED) -> Case:
-    """UnfairError where no draw of the task's seed is fair."""
+def draw_case(task: Task, length: Length | None = None) -> Case:
+    """UnfairError where no draw of the task's seed is fair. length : if not that of the machine's kind"""
     for attempt in range(MOST_DRAWS):
         rng = np.random.default_rng([task.seed, attempt, sum(map(ord, task.group + task.what))])
         try:
@@ -62,6 +61,10 @@ class _Scene:
     noises: dict[str, Noise]
     rng: np.random.Generator
 
+    @property
+    def concealed(self) -> Mapping[str, Concealed]:
+        return EDITIONS[self.task.edition].concealed
+
     def without(self, axis: str, term: str) -> _Scene:
         """The simulation leaves a term of one axis out, if it has it."""
         terms = {a: {n: k for n, k in of.items() if (a, n) != (axis, term)} for a, of in self.world.terms.items()}
@@ -74,11 +77,11 @@ class _Scene:
         return assemble(self.task, self.world, self.parts, effects, noises or self.noises, self.rng, {})
 
 
-def _draw(task: Task, length: Length, rng: np.random.Generator) -> Case:
+def _draw(task: Task, length: Length | None, rng: np.random.Generator) -> Case:
     kinds = EDITIONS[task.edition].kinds
     machine = draw_machine(kinds[int(rng.integers(len(kinds)))], rng)
     straight = task.group == "confounded"
-    parts = draw_parts(machine, length, straight, rng)
+    parts = draw_parts(machine, length or Length(machine.kind.parts, machine.kind.seconds), straight, rng)
     require_fair(sum(float(np.abs(p.v).sum()) > 0 for p in parts) == len(parts), "a part stands still")
     world = simulate(parts, draw_terms(parts, rng))
     shown = thinned(parts)
@@ -91,7 +94,7 @@ def _draw(task: Task, length: Length, rng: np.random.Generator) -> Case:
 
 
 def _an_axis(scene: _Scene, name: str) -> str:
-    return str(scene.rng.choice(CONCEALED[name].axes(scene.world.machine)))
+    return str(scene.rng.choice(scene.concealed[name].axes(scene.world.machine)))
 
 
 def _scaled(
@@ -123,7 +126,7 @@ def _single(scene: _Scene) -> Case:
     name = scene.task.what
     axis = _an_axis(scene, name)
     scene = scene.without(axis, name)
-    law = CONCEALED[name].law(scene.world, axis, scene.rng)
+    law = scene.concealed[name].law(scene.world, axis, scene.rng)
     return scene.case([_scaled(scene, axis, name, law, scene.rivals(axis))])
 
 
@@ -131,11 +134,11 @@ def _pair(scene: _Scene) -> Case:
     """Two of them, on one axis or on two; on one axis they do not look alike."""
     names = scene.task.what.split(" and ")
     axes = [_an_axis(scene, n) for n in names]
-    if axes[0] in CONCEALED[names[1]].axes(scene.world.machine) and scene.rng.random() < 0.5:
+    if axes[0] in scene.concealed[names[1]].axes(scene.world.machine) and scene.rng.random() < 0.5:
         axes[1] = axes[0]
     for axis, name in zip(axes, names, strict=True):
         scene = scene.without(axis, name)
-    laws = [CONCEALED[n].law(scene.world, a, scene.rng) for n, a in zip(names, axes, strict=True)]
+    laws = [scene.concealed[n].law(scene.world, a, scene.rng) for n, a in zip(names, axes, strict=True)]
     effects = [_scaled(scene, a, n, law, scene.rivals(a)) for a, n, law in zip(axes, names, laws, strict=True)]
     if axes[0] == axes[1]:
         one, two = (np.concatenate(list(e.columns)) for e in effects)
@@ -147,7 +150,9 @@ def _pair(scene: _Scene) -> Case:
 def _wrong(scene: _Scene) -> Case:
     """The simulation has the term with a coefficient that is off; what is missing is the difference."""
     name, rng, machine = scene.task.what, scene.rng, scene.world.machine
-    axis = str(rng.choice([a for a in AXES if name in terms_of(a, machine)]))
+    having = [a for a in AXES if name in terms_of(a, machine)]
+    require_fair(bool(having), "this simulation has no such term")
+    axis = str(rng.choice(having))
     right = scene.world.terms[axis][name]
     error = float(np.exp(rng.uniform(np.log(0.03), np.log(0.6)))) * float(rng.choice([-1.0, 1.0]))
     terms = {a: dict(of) for a, of in scene.world.terms.items()}
@@ -200,25 +205,21 @@ def _strength(columns: Columns, noise: Noise) -> float:
 
 
 def _region(scene: _Scene) -> Case:
-    """A law that holds in a box of (v_x, v_y, AR) only; the simulation has none of it."""
+    """A law that holds in a box of (v_x, v_y, AR) only, or another region; the simulation has none of it."""
     name, rng = scene.task.what, scene.rng
     axis = _an_axis(scene, name)
     scene = scene.without(axis, name)
-    law = CONCEALED[name].law(scene.world, axis, rng)
+    law = scene.concealed[name].law(scene.world, axis, rng)
     parts, machine = scene.world.parts, scene.world.machine
     free = np.concatenate(list(law.columns))
-    space = {"v_x": [p.v[:, 0] for p in parts], "v_y": [p.v[:, 1] for p in parts], "AR": [p.area for p in parts]}
     moves, laws = moving(parts), scene.rivals(axis)
+    region = EDITIONS[scene.task.edition].region
     for _ in range(MOST_BOXES):
-        box = _box({n: np.concatenate(x) for n, x in space.items()}, rng)
-        inside = [
-            np.all([(space[n][k] >= low) & (space[n][k] < high) for n, (low, high) in box.items()], axis=0)
-            for k in range(len(parts))
-        ]
+        inside, said = region(parts, rng)
         columns = [c * i for c, i in zip(law.columns, inside, strict=True)]
         try:
             fair.require_confined(free, np.concatenate(inside), moves)
-            boxed = Law(columns, law.sizes, law.fixed, {**law.shape, "box": box})
+            boxed = Law(columns, law.sizes, law.fixed, {**law.shape, **said})
             here = np.concatenate([i[:: machine.fine] for i in inside])[:, None]
             # in such a box a plain rival may say the same (one direction only, say), though it does not outside
             effect = _scaled(scene, axis, name, boxed, {n: x * here for n, x in laws.items()})
@@ -229,20 +230,6 @@ def _region(scene: _Scene) -> Case:
         except UnfairError as why:
             _log.debug("%s, box: %s", name, why)
     raise UnfairError("no box is fair")
-
-
-def _box(space: dict[str, Float1D], rng: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """One to three sides, each an interval between quantiles of where there is motion, or removal."""
-    sides = list(rng.permutation(list(space)))[: int(rng.choice([1, 2, 2, 3]))]
-    box = {}
-    for name in sides:
-        x = space[name]
-        x = x[x > 0] if name == "AR" else x[np.abs(x) > 1e-3]
-        require_fair(len(x) > 100, f"{name} is hardly driven")
-        wide = float(rng.uniform(0.25, 0.6))
-        low = float(rng.uniform(0.0, 1 - wide))
-        box[name] = (float(np.quantile(x, low)), float(np.quantile(x, low + wide)))
-    return box
 
 
 def _outside(scene: _Scene) -> Case:
@@ -262,7 +249,7 @@ def _confounded(scene: _Scene) -> Case:
     name, machine, rng = scene.task.what, scene.world.machine, scene.rng
     axis = "xyz"[int(rng.choice(machine.kind.plane[:2]))]
     scene = scene.without(axis, name)
-    law = CONCEALED[name].law(scene.world, axis, rng)
+    law = scene.concealed[name].law(scene.world, axis, rng)
     effect = _scaled(scene, axis, name, law)
     laws = scene.rivals(axis)
     rivals = [n for n in ("axis_coupling", "viscous_friction", "coulomb_friction", "inertia") if n != name]

@@ -8,7 +8,7 @@ per cent.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,12 @@ class Kind:
     and the infeed; pitch_mm : of screw, rack or magnets; screw : whether part.json would name a lead
     gains : x, y, z, how many A an axis takes beside the others, –; slides : Coulomb friction in that of a slideway, –
     lag_hz : lowest and highest; colours : how much of white, short and long noise, as weights; short_s : of the short
+    moves, cuts : how much noisier an axis is that moves, one that cuts, lowest and highest, –
+    outliers : share of single samples that are far off, –
+    pace : x, y, z, how fast beside the others, –; parts, seconds : fewest and most that are shown, shortest and longest
+    shares : of a term of the simulation, where they are not the usual ones; also : further terms that it has
+    v_s_mm_s : of a simulated Stribeck friction; sim_step : of simulated currents, in an axis' friction, –
+    bare : whether a log and part.json hold no more than they must
     """
 
     name: str
@@ -50,6 +56,18 @@ class Kind:
     lag_hz: tuple[float, float] = (6.0, 30.0)
     colours: tuple[float, float, float] = (4.0, 4.0, 1.0)
     short_s: tuple[float, float] = (0.008, 0.12)
+    moves: tuple[float, float] = (0.0, 0.8)
+    cuts: tuple[float, float] = (0.1, 1.2)
+    outliers: float = 0.0
+    pace: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    parts: tuple[int, int] = (5, 9)
+    seconds: tuple[float, float] = (60.0, 240.0)
+    shares: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    also: tuple[str, ...] = ()
+    v_s_mm_s: float = 1.0
+    sim_step: float = 0.0
+    force_errors: tuple[float, ...] = (0.0, 0.02, 0.05)
+    bare: bool = False
 
 
 KINDS = (
@@ -131,15 +149,15 @@ def draw_machine(kind: Kind, rng: np.random.Generator) -> Machine:
     return Machine(
         kind=kind,
         travel=np.array(kind.travel_mm, float) * [_near(rng, 0.1) for _ in range(3)],
-        v_max=kind.v_mm_s * np.array([_near(rng) for _ in range(3)]),
-        a_max=kind.a_mm_s2 * np.array([_near(rng) for _ in range(3)]),
+        v_max=kind.v_mm_s * np.array([_near(rng) for _ in range(3)]) * kind.pace,
+        a_max=kind.a_mm_s2 * np.array([_near(rng) for _ in range(3)]) * kind.pace,
         jerk_s=kind.jerk_s * _near(rng),
         sign_width=np.full(3, 0.0 if rng.random() < 0.4 else 0.004 * kind.feeds_mm_s[1]),
         rate=rate,
         fine=max(1, int(np.ceil(FINE_HZ / rate))),
         lag=drawn_lag if rng.random() < kind.lag else None,
         force_sign=float(rng.choice([-1.0, 1.0])),
-        force_error=float(rng.choice([0.0, 0.02, 0.05])),
+        force_error=float(rng.choice(kind.force_errors)),
         count_mm=float(rng.choice([0.0, 1e-4, 1e-3])) if rate <= 100 else 0.0,
         cutters=cutters,
         specific_n_mm2=float(rng.choice([700.0, 1100.0, 1900.0])) * _near(rng),

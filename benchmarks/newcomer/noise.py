@@ -32,11 +32,19 @@ def draw_noise(parts: Sequence[Part], axis: str, size: float, rng: np.random.Gen
     machine = parts[0].machine
     tau, slow_tau = float(np.exp(rng.uniform(*np.log(machine.kind.short_s)))), float(rng.uniform(0.3, 1.2))
     shares = rng.dirichlet(machine.kind.colours)  # white, short, long
-    moves, cuts = float(rng.uniform(0, 0.8)), float(rng.uniform(0.1, 1.2))
+    moves, cuts = float(rng.uniform(*machine.kind.moves)), float(rng.uniform(*machine.kind.cuts))
     rows = [_state(p, axis, moves, cuts) * size * _coloured(len(p.t), machine.rate, (tau, slow_tau), shares, rng)
             for p in parts]  # fmt: skip
+    if machine.kind.outliers:
+        rows = [r + size * _outliers(len(r), machine.kind.outliers, rng) for r in rows]
     spread = 1 + 2 * machine.rate * (shares[1] ** 2 * tau + shares[2] ** 2 * slow_tau)
     return Noise(rows, size * float(rng.uniform(*machine.kind.steps)), float(1 / spread))
+
+
+def _outliers(n: int, share: float, rng: np.random.Generator) -> Float1D:
+    """(n,): single samples that are far off, 0 elsewhere. share : of them, –"""
+    far = rng.uniform(4, 10, n) * rng.choice([-1.0, 1.0], n)
+    return np.where(rng.random(n) < share, far, 0.0)
 
 
 def _coloured(n: int, rate: float, taus: tuple[float, float], shares: Float1D, rng: np.random.Generator) -> Float1D:

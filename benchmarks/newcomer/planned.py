@@ -43,6 +43,8 @@ def plan(cases: int, seed: int, edition: int = 1) -> list[Task]:
 def _turns(group: str, menu: Mapping[str, tuple[str, ...]], rng: np.random.Generator) -> Iterator[str]:
     if group != "pair":
         yield from _cycle(menu[group], rng)
+    if " and " in menu["pair"][0]:
+        yield from _cycle(menu["pair"], rng)
     names = tuple(n for n in menu["pair"] if n not in PAIRLESS)
     one, two = _cycle(names, rng), _cycle(names, rng)
     while True:

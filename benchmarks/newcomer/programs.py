@@ -12,10 +12,15 @@ import numpy as np
 from benchmarks.newcomer import toolpaths
 from benchmarks.newcomer.machines import Machine
 from benchmarks.newcomer.second import toolpaths as second
+from benchmarks.newcomer.third import toolpaths as third
 from benchmarks.newcomer.toolpaths import SAFE, Job, Operation, Path
 from pido.core.arrays import Float1D
 
-WORK: Mapping[str, Job] = {**toolpaths.JOBS, **second.JOBS}
+WORK: Mapping[str, Job] = {**toolpaths.JOBS, **second.JOBS, **third.JOBS}
+
+
+BORES = ("drill", "peck")
+"""Work in which the infeed cuts."""
 
 
 def draw_path(machine: Machine, size: Float1D, seconds: float, straight: bool, rng: np.random.Generator) -> Path:
@@ -46,7 +51,7 @@ def _operation(machine: Machine, name: str, straight: bool, rng: np.random.Gener
     a_e = d * float(rng.uniform(0.15, 0.95))
     if name == "engrave":
         feed, a_p, a_e = max(0.5 * low, 0.3 * feed), 0.03 * d, 0.3 * d
-    if name == "drill":
+    if name in BORES:
         feed, a_e = max(0.4 * low, 0.15 * feed), min(d, 12.0)
     if name == "creep":
         feed = low * float(rng.uniform(0.05, 0.4))
@@ -56,5 +61,5 @@ def _operation(machine: Machine, name: str, straight: bool, rng: np.random.Gener
         rpm = float(np.clip(feed / per_tooth, rpm, kind.rpm[1]))
         feed = min(feed, per_tooth * rpm)
     coolant = bool(rng.random() < 0.5)
-    return Operation(cutter, round(feed, 3), round(rpm), round(a_p, 3), round(a_e, 3), coolant, name == "drill",
+    return Operation(cutter, round(feed, 3), round(rpm), round(a_p, 3), round(a_e, 3), coolant, name in BORES,
                      bool(rng.random() < 0.6))  # fmt: skip

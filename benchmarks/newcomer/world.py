@@ -116,6 +116,7 @@ def driver(part: Part, axis: str, term: str) -> Float1D:
     return {
         "coulomb_friction": lambda: direction(v, machine.sign_width[k]),
         "viscous_friction": lambda: v,
+        "stribeck_friction": lambda: np.exp(-((v / machine.kind.v_s_mm_s) ** 2)) * direction(v, machine.sign_width[k]),
         "inertia": lambda: part.a[:, k],
         "cutting_force": lambda: machine.force_sign * part.f_sim[:, k],
         "gravity_load": lambda: np.ones_like(v),
@@ -125,7 +126,7 @@ def driver(part: Part, axis: str, term: str) -> Float1D:
 SHARES: Mapping[str, tuple[float, float]] = {
     "coulomb_friction": (0.6, 1.2), "viscous_friction": (0.3, 1.1), "inertia": (0.6, 2.5), "cutting_force": (0.4, 1.3),
     "gravity_load": (0.5, 2.0), "spindle_viscous_drag": (0.1, 0.4), "spindle_windage": (0.04, 0.25),
-    "spindle_inertia": (0.4, 1.2), "spindle_torque_load": (0.3, 1.0),
+    "spindle_inertia": (0.4, 1.2), "spindle_torque_load": (0.3, 1.0), "stribeck_friction": (0.3, 1.2),
 }  # fmt: skip
 """How large a term is where its driver is large, in an axis' friction, lowest and highest."""
 
@@ -135,7 +136,7 @@ def terms_of(axis: str, machine: Machine) -> tuple[str, ...]:
     if axis == "sp":
         return tuple(t for t in SHARES if t.startswith("spindle"))
     weighs = ("gravity_load",) if axis == machine.kind.vertical else ()
-    return ("coulomb_friction", "viscous_friction", "inertia", "cutting_force", *weighs)
+    return ("coulomb_friction", "viscous_friction", "inertia", "cutting_force", *weighs, *machine.kind.also)
 
 
 def draw_terms(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, dict[str, float]]:
@@ -149,7 +150,13 @@ def draw_terms(parts: Sequence[Part], rng: np.random.Generator) -> dict[str, dic
             sign = machine.force_sign if name == "cutting_force" else 1.0
             sign = float(rng.choice([-1.0, 1.0])) if name == "gravity_load" else sign
             part_of = machine.kind.slides if name == "coulomb_friction" else 1.0
-            terms[axis][name] = part_of * sign * machine.amps[axis] * float(rng.uniform(*SHARES[name])) / large
+            terms[axis][name] = (
+                part_of
+                * sign
+                * machine.amps[axis]
+                * float(rng.uniform(*machine.kind.shares.get(name, SHARES[name])))
+                / large
+            )
     return terms
 
 

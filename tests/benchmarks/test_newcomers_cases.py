@@ -14,7 +14,7 @@ from benchmarks.newcomer.draw import draw_case
 from benchmarks.newcomer.editions import EDITIONS
 from benchmarks.newcomer.fair import acting
 from benchmarks.newcomer.folders import write_case
-from benchmarks.newcomer.machines import KINDS, draw_machine
+from benchmarks.newcomer.machines import draw_machine
 from benchmarks.newcomer.parts import Length, draw_parts
 from benchmarks.newcomer.planned import plan
 from benchmarks.sealed_truth import Case, Task, UnfairError
@@ -114,7 +114,7 @@ def test_a_plan_meets_every_group_by_its_share_and_every_mechanism_in_turn():
     assert tasks[:30] != plan(30, seed=2)
 
 
-@pytest.mark.parametrize("kind", [*KINDS, *EDITIONS[2].kinds], ids=lambda k: k.name)
+@pytest.mark.parametrize("kind", [k for e in EDITIONS.values() for k in e.kinds], ids=lambda k: k.name)
 def test_a_machine_stays_in_its_travel_and_its_columns_belong_to_one_motion(kind):
     rng = np.random.default_rng(5)
     for part in draw_parts(draw_machine(kind, rng), SMALL, straight=False, rng=rng):
