@@ -40,6 +40,7 @@ from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search, without
+from pido.diagnosis.shared_out import one_for_many
 from pido.diagnosis.state import AxisState, axis_states, dead_bands
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.timing import Delay, find_delay, shift_target
@@ -324,6 +325,8 @@ def _settle(
         effect = found.fit.amplitudes[i] @ term.columns(full.states)
         swallowed = _replaced(full, alone.base, fit(full, noises[0], [term]).base)
         findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed))
+    findings, note = one_for_many(full, noises[0], terms, found.fit.amplitudes, findings, recorded, level)
+    answer.notes += [] if note is None else [note]
     series = []
     for recording, state in zip(parts, full.states, strict=True):
         simulated = model.simulated(recording, state)

@@ -15,6 +15,7 @@ import json
 import logging
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import contextmanager
@@ -160,6 +161,15 @@ _HELD: dict[str, Any] = {}
 
 def _hold(name: str, fleet: Fleet, seed: int) -> None:
     _HELD.update(name=name, fleet=fleet, seed=seed)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Of a process that was killed the workers wait for ever for their next unit."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _measure_held(unit: Unit) -> Rows:

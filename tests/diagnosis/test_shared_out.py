@@ -1,0 +1,69 @@
+"""Many names for one effect that none of them is: one finding without a name, and only then."""
+
+import numpy as np
+import pytest
+
+from pido.diagnosis.finding import Estimate, Evidence, Finding, HeldOut, Where
+from pido.diagnosis.formulas import Formula
+from pido.diagnosis.shared_out import MANY, is_shared_out, one_for_many
+from pido.diagnosis.signals import signals
+from pido.diagnosis.terms import Term, fit
+from tests.diagnosis.planted import NOISE, planted
+
+LAWS = ("v_x", "v_y", "a_x", "a_y")
+
+
+def laid_out(*sizes):
+    """Four laws of so many noises each on one axis, and their terms."""
+
+    def effect(state):
+        columns = [signals(state, [name])[name][0] for name in LAWS]
+        return sum(size * c / np.std(c) for size, c in zip(sizes, columns, strict=True))
+
+    library, noise = planted(effect, strength=4.0)
+    terms = [Term(Formula(((name, "u"),), "–")) for name, size in zip(LAWS, sizes, strict=True) if size]
+    return library.mismatch, noise, terms
+
+
+@pytest.mark.parametrize(
+    ("sizes", "shared"),
+    [((1, 1, 1, 1), True), ((5, 1, 1, 1), False), ((3, 3, 1, 1), False), ((1, 1, 1, 0), False)],
+)
+def test_laws_are_shared_out_where_they_are_many_and_neither_one_nor_two_are_most_of_it(sizes, shared):
+    mismatch, _, terms = laid_out(*sizes)
+    assert (len(terms) >= MANY) == (sum(map(bool, sizes)) >= MANY)
+    assert is_shared_out(mismatch, terms) == shared
+
+
+def finding(name, k):
+    proof = HeldOut("leave-one-part-out", 1.0, 0.9, 0.1, 0.2, 1e-4)
+    return Finding(
+        "x", name, "missing_physics", f"dI_x = k * {name}", {"k": Estimate(0.1 * k, "A", (0.0, 0.2))},
+        Where("somewhere"), Evidence(10.0**-k, 10.0**-k, 50.0), proof, ("linear",),
+    )  # fmt: skip
+
+
+def test_they_stand_as_one_finding_without_a_name_that_says_what_it_is_made_of():
+    mismatch, noise, terms = laid_out(1, 1, 1, 1)
+    names = ["inertia", "backlash", "coulomb_friction", "torque_ripple"]
+    findings = [finding(name, k) for k, name in enumerate(names, start=1)]
+    amplitudes = fit(mismatch, noise, terms).amplitudes
+    (one,), note = one_for_many(mismatch, noise, terms, amplitudes, findings, mismatch.target, NOISE)
+    assert (one.axis, one.mechanism, one.kind) == ("x", "unknown", "unexplained")
+    assert list(one.parameters) == [f"k_{k}" for k in range(1, 5)]
+    assert one.fit.rmse_after < 0.5 * one.fit.rmse_before
+    assert one.evidence.q_value == 1e-4
+    assert one.replaces == ("linear",)
+    assert one.where.intervals
+    assert all(f"dI_x = k * {name}" in one.equation for name in names)
+    assert note is not None
+    assert ", ".join(names) in note
+
+
+def test_findings_that_are_not_shared_out_stay_as_they_are():
+    mismatch, noise, terms = laid_out(5, 1, 1, 1)
+    findings = [finding("inertia", k) for k in range(4)]
+    same = one_for_many(
+        mismatch, noise, terms, fit(mismatch, noise, terms).amplitudes, findings, mismatch.target, NOISE
+    )
+    assert same == (findings, None)
