@@ -11,8 +11,8 @@ to its surroundings; with rows around it, it does not.
 Where the coming part leaves what was recorded, such rows say nothing new, and a forest carries them there all the same: a
 run-up of the spindle, carried so, was up to five times the error on a virtual mill, and 1.7 times on a small one whose
 spindle stopped once in a part. So rows of the path that are far from recorded ones go with them, with the word of a model
-that knows none of these: measured on four machines, that leaves what is gained near recorded rows. A part that leaves them
-for most of its way gets neither, for there is nothing to gain.
+that knows none of these, for axes whose models would say much else there: measured on four machines, that leaves what is
+gained near recorded rows. A part that leaves them for most of its way gets neither, for there is nothing to gain.
 
 What an equation says of the way between two rows so near adds nothing that could be measured on four machines; far from
 both, where a term is large, it does harm. Equations speak where nothing was recorded (`pido.sampling.trust`, `pido.sampling.steady`).
@@ -39,6 +39,7 @@ _RAREST = 0.1  # of the commonest current's density; what is rarer still is no l
 _POOL = 20_000  # rows among which neighbours are looked for
 _FAR = 3.0  # times the distance within which recorded rows have their neighbours
 _MOST_FAR = 0.3  # of a path's rows: with more, it is a path elsewhere
+_MUCH = 0.1  # of the spread of recorded currents, on the whole path: what rows that say nothing new may change there
 _ASKED = 4_000  # recorded rows, and rows of a path, that either is asked of
 
 
@@ -69,7 +70,7 @@ def anchored(real: Samples, path: Samples, train: Train, grid: Grid, rng: np.ran
     rows = Samples.concat(made)
     if not far.any():
         return rows
-    held = _held(real, path.take(far), nearest[far], np.any(np.isfinite(rows.currents), axis=0), train, grid, rng)
+    held = _held(real, rows, path, far, nearest, train, grid, rng)
     return Samples.concat([rows, held])
 
 
@@ -102,19 +103,27 @@ def _far(
 
 
 def _held(
-    real: Samples, path: Samples, nearest: Int1D, axes: Bool1D, train: Train, grid: Grid, rng: np.random.Generator
-) -> Samples:
-    """Rows of the path with what a model of the real rows says of them, for the `axes`. Where there are many, it learns
-    from an even share of these."""
+    real: Samples, made: Samples, path: Samples, far: Bool1D, nearest: Int1D, train: Train, grid: Grid,
+    rng: np.random.Generator,
+) -> Samples:  # fmt: skip
+    """The `far` rows of the path with what a model of the real rows says of them, for axes of which it would say much
+    else with the rows `made`. Where there are many, it learns from an even share of them."""
+    axes = np.any(np.isfinite(made.currents), axis=0)
     known = real.take(np.flatnonzero(np.isfinite(real.currents[:, axes]).any(axis=1)))
-    known = known.take(rng.random(len(known)) <= _ASKED / len(known))
+    share = _ASKED / len(known)
+    known, more = known.take(rng.random(len(known)) <= share), made.take(rng.random(len(made)) <= share)
     known = replace(known, currents=np.where(axes, known.currents, np.nan))
-    said = np.where(axes, train(known, np.ones((len(known), 4)))(path), np.nan)
-    n = len(path)
+    rows = path.take(far)
+    said, beside = (train(r, np.ones((len(r), 4)))(rows) for r in (known, Samples.concat([known, more])))
+    change = np.sqrt(np.sum((beside - said) ** 2, axis=0) / len(path))
+    spread = np.array([np.std(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in known.currents.T])
+    currents = np.where(change > _MUCH * spread, said, np.nan)
+    kept = np.isfinite(currents).any(axis=1)
+    n = len(rows)
     return replace(
-        path, part=np.full(n, "", dtype=object), origin=np.full(n, PIE, np.int64), voxel=grid.ids(path.reduced),
-        currents=said, expected_error=np.abs(said - real.currents[nearest]),
-    )  # fmt: skip
+        rows, part=np.full(n, "", dtype=object), origin=np.full(n, PIE, np.int64), voxel=grid.ids(rows.reduced),
+        currents=currents, expected_error=np.abs(currents - real.currents[nearest[far]]),
+    ).take(np.flatnonzero(kept))  # fmt: skip
 
 
 def _around(
