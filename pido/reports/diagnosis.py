@@ -7,6 +7,7 @@ Out: a Page: the verdict in one sentence; recorded, simulated and corrected sign
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -139,20 +140,28 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
 
 
 def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]]:
-    """A row per parameter: name, value, interval; one for all that are numbered where these are many, as of a curve."""
-    numbered = {name: e for name, e in parameters.items() if name.rpartition("_")[2].isdigit()}
-    many = numbered if len(numbered) > MOST_NUMBERED else {}
+    """A row per parameter: name, value, interval; one for all of a name that are numbered where these are many, as the
+    knots of a curve are."""
+    alike = Counter(_numbered(name, e) for name, e in parameters.items())
+    many = [name for name, e in parameters.items() if alike[_numbered(name, e)] > MOST_NUMBERED]
     rows = [
         (name, f"{number(e.value, 4)} {e.unit}", f"{number(e.ci95[0], 4)} … {number(e.ci95[1], 4)} {e.unit}")
         for name, e in parameters.items()
         if name not in many
     ]
     if many:
-        first, *_, last = many
-        low, high = (number(end(e.value for e in many.values()), 4) for end in (min, max))
-        unit = many[first].unit
-        rows.insert(0, (f"{first} … {last}", f"{len(many)} values, {low} to {high} {unit}", "each in diagnosis.json"))
+        values, unit = [parameters[name].value for name in many], parameters[many[0]].unit
+        low, high = (number(end, 4) for end in (min(values), max(values)))
+        rows.insert(
+            0, (f"{many[0]} … {many[-1]}", f"{len(many)} values, {low} to {high} {unit}", "each in diagnosis.json")
+        )
     return rows
+
+
+def _numbered(name: str, estimate: Estimate) -> tuple[str, str]:
+    """What parameters that only a number tells apart have in common; of any other one its own name."""
+    stem, _, number_of_it = name.rpartition("_")
+    return (stem if number_of_it.isdigit() else name), estimate.unit
 
 
 def _chance(p: float) -> str:

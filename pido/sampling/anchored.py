@@ -1,7 +1,7 @@
 """Rows anchored in recorded ones: PiA as delivered, where what has been recorded is thin for the model that learns it.
 
-In:  real rows, the coming path, a way to train a model, a generator of random numbers. Out: PiA rows, each for one axis; PiE
-rows of the path where it leaves what was recorded.
+In:  real rows, the coming path, a way to train a model, a generator of random numbers.
+Out: PiA rows, each for one axis; PiE rows of the path where it leaves what was recorded.
 
 A row lies between a recorded one and one of its nearest, and its current between theirs; where the nearest are far it is
 the recorded one with a twentieth of each input's spread added. Rare currents are anchors more often, as in SMOGN (Branco,

@@ -205,3 +205,11 @@ def test_the_knots_of_a_curve_share_one_row_and_few_numbered_parameters_have_the
 
     assert rows(42) == ["g_0 … g_41 42 values, 0 to 4.1 A each in diagnosis.json", "lag 0.02 s 0.01 … 0.03 s"]
     assert len(rows(3)) == 4
+
+
+def test_numbered_parameters_of_several_laws_have_a_row_each():
+    diagnosis, recording = _diagnosis()
+    laws = {f"k_{i}": Estimate(0.1, unit, (0.0, 0.2)) for i, unit in enumerate(["A", "A/mm", "A/N"] * 4)}
+    page = diagnosis_page(replace(diagnosis, findings=(replace(diagnosis.findings[0], parameters=laws),)), [recording])
+    (table,) = [s.table for s in page.sections if s.table is not None and "parameter" in s.table.head]
+    assert len(table.rows) == 12
