@@ -6,7 +6,7 @@ work more. The frame: two directions of the work plane from the workpiece's midd
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -190,10 +190,17 @@ def _freeform(path: Path, size: Float1D, machine: Machine, rng: np.random.Genera
     op = path.operations[-1]
     high = float(min(0.05 * size.min(), 0.3 * SAFE * size.max()))
     waves, angle = rng.uniform(1, 3, 2), float(rng.choice([0.0, np.pi / 2, rng.uniform(0, np.pi)]))
-    u = np.linspace(-0.4, 0.4, 60)
-    for k, v in enumerate(np.linspace(-0.25, 0.25, int(rng.integers(4, 7)))):
+    u, lines = np.linspace(-0.4, 0.4, 60), []
+    for v in np.linspace(-0.25, 0.25, int(rng.integers(4, 7))):
         w = -op.a_p - high * (1 + np.sin(2 * np.pi * waves[0] * u) * np.cos(2 * np.pi * waves[1] * v))
-        line = np.column_stack([turned(np.column_stack([u, np.full(60, v)]) * size.min(), angle), w])
+        lines.append(np.column_stack([turned(np.column_stack([u, np.full(60, v)]) * size.min(), angle), w]))
+    forth_and_back(path, lines, size, machine)
+
+
+def forth_and_back(path: Path, lines: Sequence[Float2D], size: Float1D, machine: Machine) -> None:
+    """Lines (n, 3), every other one backwards, fed one after the other without lifting."""
+    op = path.operations[-1]
+    for k, line in enumerate(lines):
         line = line if k % 2 == 0 else line[::-1]
         if k == 0:
             go(path, line[0], size, machine)

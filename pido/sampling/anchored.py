@@ -118,12 +118,16 @@ def _held(
     change = np.sqrt(np.sum((beside - said) ** 2, axis=0) / len(path))
     spread = np.array([np.std(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in known.currents.T])
     currents = np.where(change > _MUCH * spread, said, np.nan)
-    kept = np.isfinite(currents).any(axis=1)
+    error = np.abs(currents - real.currents[nearest[far]])
+    held = replace(of_path(rows, grid), currents=currents, expected_error=error)
+    return held.take(np.flatnonzero(np.isfinite(currents).any(axis=1)))
+
+
+def of_path(rows: Samples, grid: Grid) -> Samples:
+    """Rows of a coming path as PiE rows, which belong to no part."""
     n = len(rows)
-    return replace(
-        rows, part=np.full(n, "", dtype=object), origin=np.full(n, PIE, np.int64), voxel=grid.ids(rows.reduced),
-        currents=currents, expected_error=np.abs(currents - real.currents[nearest[far]]),
-    ).take(np.flatnonzero(kept))  # fmt: skip
+    part, origin = np.full(n, "", dtype=object), np.full(n, PIE, np.int64)
+    return replace(rows, part=part, origin=origin, voxel=grid.ids(rows.reduced))
 
 
 def _around(

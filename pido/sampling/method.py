@@ -29,7 +29,7 @@ from pido.equations.terms import TermSet
 from pido.feature_space.density import locate, occupancy, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid, touched
 from pido.feature_space.regional import HeldOut
-from pido.sampling.anchored import anchored, unsaid
+from pido.sampling.anchored import anchored, of_path, unsaid
 from pido.sampling.gate import BEYOND_DRIVE, NO_SUPPORT, NOT_RECORDED, OPEN, PASSED, WORSE_THAN_MODEL, Gate
 from pido.sampling.inputs import ForceModel
 from pido.sampling.loss import certainty_weights, loss_weights
@@ -188,10 +188,7 @@ def _trusted(
     )  # fmt: skip
     follow, at = np.isfinite(steady), some[ask]
     n = len(rows)
-    rows = replace(
-        rows, part=np.full(n, "", dtype=object), row=np.full(n, -1, np.int64), origin=np.full(n, PIE, np.int64),
-        voxel=method.grid.ids(rows.reduced), expected_error=np.zeros((n, 4)),
-    )  # fmt: skip
+    rows = replace(of_path(rows, method.grid), row=np.full(n, -1, np.int64), expected_error=np.zeros((n, 4)))
     beside = real.take(slice(0, 0))
     if any(trust.anchored):
         beside = replace(real, currents=np.where(trust.anchored, real.currents, np.nan))

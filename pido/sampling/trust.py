@@ -26,7 +26,7 @@ later met paths they knew; leverage up to ten times the samples' own is where eq
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -188,19 +188,16 @@ def _spaced(trust: Trust, plays: Sequence[_Play], train: Train, grid: Grid, omeg
             if more and not len(beside):
                 ratio[c, k] = ratio[0, k] if trust.any else 0.0
                 continue
-            known, weights = play.rest, np.full((len(play.rest), 4), omega)
+            known, made, model = play.rest, [], play.model
             if more:
-                known = Samples.concat([known, beside])
-                weights = np.vstack([weights, np.full((len(beside), 4), generated)])
+                model = _trained(train, known, [beside], omega, generated)(play.left)
             else:  # nothing is learned for axes without rows of the path
                 known = replace(known, currents=np.where(used, known.currents, np.nan))
-            rows = _of_play(play, trust, spacing, grid, train(known, weights)(play.left) if more else play.model)
+            rows = _of_play(play, trust, spacing, grid, model)
+            if more:
+                made = [unsaid(beside, rows.row, rows.currents)]
             if len(rows) or more:
-                if more:
-                    known = Samples.concat([play.rest, unsaid(beside, rows.row, rows.currents)])
-                weights = np.full((len(known) + len(rows), 4), generated)
-                weights[: len(play.rest)] = omega
-                helped = train(Samples.concat([known, rows]), weights)(play.left)
+                helped = _trained(train, known, [*made, rows], omega, generated)(play.left)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     ratio[c, k] = 0.5 * np.log(_square(helped - play.left.currents) / base)
     terms, share, spacing, gain = list(trust.terms), trust.share.copy(), list(trust.spacing), list(trust.gain)
@@ -234,6 +231,16 @@ def _of_play(play: _Play, trust: Trust, spacing: Spacing, grid: Grid, model: Flo
     number = np.arange(len(play.left))
     rows = replace(play.left, origin=origin, row=number, currents=np.where(take & ~silent, said, np.nan))
     return rows.take(np.flatnonzero(np.isfinite(rows.currents).any(axis=1)))
+
+
+def _trained(
+    train: Train, real: Samples, made: Sequence[Samples], omega: float, generated: float
+) -> Callable[[Samples], Float2D]:
+    """A model of real rows of weight `omega` beside generated ones."""
+    rows = Samples.concat([real, *made])
+    weights = np.full((len(rows), 4), generated)
+    weights[: len(real)] = omega
+    return train(rows, weights)
 
 
 def _mean_and_error(values: Float2D) -> tuple[Float1D, Float1D]:
@@ -272,13 +279,13 @@ def currents(
     beside : anchored rows of weight `generated`, which t learns from as well
     also : (4,) - axes whose t is asked for although no equation is trusted there
     """
-    known, weights = real, np.full((len(real), 4), omega)
-    if beside is not None and len(beside):
-        known, weights = Samples.concat([real, beside]), np.vstack([weights, np.full((len(beside), 4), generated)])
     used = np.array([terms is not None for terms in trust.terms])
     used = used if also is None else used | also
-    asked = replace(known, currents=np.where(used, known.currents, np.nan))  # other axes need no model
-    model = train(asked, weights)(rows) if used.any() else np.full((len(rows), 4), np.nan)
+    model = np.full((len(rows), 4), np.nan)
+    if used.any():
+        known = [real] if beside is None else [real, beside]
+        known, *made = (replace(r, currents=np.where(used, r.currents, np.nan)) for r in known)  # others need no model
+        model = _trained(train, known, made, omega, generated)(rows)
     equations = {terms.id: fit_global(real, machine, terms) for terms in trust.tried}
     where = region(rows, real, list(equations.values()))
     axis = np.arange(4)

@@ -12,16 +12,16 @@ from benchmarks.newcomer.assembly import logged
 from benchmarks.newcomer.catalogue import CONCEALED
 from benchmarks.newcomer.draw import draw_case
 from benchmarks.newcomer.editions import EDITIONS, OUTSIDE
-from benchmarks.newcomer.faults import thinned
 from benchmarks.newcomer.folders import write_case
 from benchmarks.newcomer.machines import draw_machine
 from benchmarks.newcomer.parts import Length, draw_parts
 from benchmarks.newcomer.planned import plan
-from benchmarks.newcomer.second.textbook import require_beyond, textbook
+from benchmarks.newcomer.second.textbook import require_beyond
 from benchmarks.newcomer.world import Concealed, World, draw_terms, simulate
 from benchmarks.sealed_truth import Task, UnfairError
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D
 from pido.core.axes import AXES
+from tests.benchmarks.newcomers_laws import books, likeness
 from tests.benchmarks.written_cases import (
     assert_nothing_that_is_shown_names_the_case,
     assert_they_keep_the_contract_of_columns,
@@ -102,20 +102,13 @@ def _current(world: World, law: Concealed, axis: str) -> list[Float1D]:
     return logged(world.machine, law.law(world, axis, np.random.default_rng(3)).columns)
 
 
-def _books(world: World, axis: str) -> tuple[dict[str, Float2D], dict[str, Float2D]]:
-    shown, sim = thinned(world.parts), {axis: logged(world.machine, world.sim[axis])}
-    return fair.rivals(shown, sim, axis), textbook(shown, sim, axis)
-
-
 @pytest.mark.parametrize("on", ["plane", "sp"])
 def test_a_law_of_the_second_edition_is_no_other_one_of_either(on, drawn):
     of = {n: law for n, law in OUTSIDE.items() if law.on == on}
     alike = []
     for world in drawn:
         axis = "sp" if on == "sp" else "xyz"[world.machine.kind.plane[0]]
-        columns = np.column_stack([np.concatenate(_current(world, law, axis)) for law in of.values()])
-        columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-12)  # a law may have nothing to act on here
-        alike.append(np.abs(columns.T @ columns) * (1 - np.eye(len(of))))
+        alike.append(likeness([np.concatenate(_current(world, law, axis)) for law in of.values()]))
     # in one motion (always the same way, say) two laws may be one; in most of them they are not
     usual = np.median(alike, axis=0)[[name in SECOND.outside for name in of]]
     assert usual.max() < 0.75
@@ -126,10 +119,10 @@ def test_no_law_outside_the_vocabulary_is_one_that_textbooks_always_explain(draw
     open_to_question = set(SECOND.outside)
     for world in drawn:
         axes = {"plane": "xyz"[world.machine.kind.plane[0]], "sp": "sp"}
-        books = {axis: _books(world, axis) for axis in axes.values()}
+        said = {axis: books(world, axis) for axis in axes.values()}
         for name in sorted(open_to_question):
             axis = axes[SECOND.outside[name].on]
-            plain, whole = books[axis]
+            plain, whole = said[axis]
             try:
                 current = _current(world, SECOND.outside[name], axis)
                 fair.require_seen(current)
@@ -151,7 +144,7 @@ def test_what_the_vocabulary_says_is_not_outside_of_it(name, drawn, monkeypatch)
     world = drawn[0]
     axis = "xyz"[world.machine.kind.plane[0]]
     with pytest.raises(UnfairError, match="explains it"):
-        require_beyond(np.concatenate(_current(world, CONCEALED[name], axis)), _books(world, axis)[1])
+        require_beyond(np.concatenate(_current(world, CONCEALED[name], axis)), books(world, axis)[1])
 
 
 def test_the_draw_of_an_effect_outside_the_vocabulary_has_its_strength_and_says_no_more(tmp_path):

@@ -12,18 +12,18 @@ from benchmarks.newcomer.assembly import logged
 from benchmarks.newcomer.catalogue import CONCEALED
 from benchmarks.newcomer.draw import draw_case
 from benchmarks.newcomer.editions import EDITIONS, OUTSIDE
-from benchmarks.newcomer.faults import thinned
 from benchmarks.newcomer.folders import write_case
 from benchmarks.newcomer.machines import draw_machine
 from benchmarks.newcomer.parts import Length, Part, draw_parts
 from benchmarks.newcomer.planned import plan
-from benchmarks.newcomer.second.textbook import require_beyond, textbook
+from benchmarks.newcomer.second.textbook import require_beyond
 from benchmarks.newcomer.third import forms, regions, toolpaths
 from benchmarks.newcomer.toolpaths import SAFE, Operation, Path
 from benchmarks.newcomer.world import World, draw_terms, simulate
 from benchmarks.sealed_truth import Task, UnfairError
 from pido.core.arrays import Float2D
 from pido.core.axes import AXES
+from tests.benchmarks.newcomers_laws import books, likeness
 from tests.benchmarks.written_cases import (
     assert_nothing_that_is_shown_names_the_case,
     assert_they_keep_the_contract_of_columns,
@@ -116,18 +116,17 @@ def test_no_law_outside_the_vocabulary_is_one_that_textbooks_always_explain(draw
     monkeypatch.setattr(fair, "MOST_ROWS", 3_000)
     open_to_question = set(THIRD.outside)
     for world in drawn:
-        books: dict[str, tuple[dict[str, Float2D], dict[str, Float2D]]] = {}
+        said: dict[str, tuple[dict[str, Float2D], dict[str, Float2D]]] = {}
         for name in sorted(open_to_question):
             axis = THIRD.outside[name].axes(world.machine)[-1]
-            if axis not in books:
-                shown, sim = thinned(world.parts), {axis: logged(world.machine, world.sim[axis])}
-                books[axis] = (fair.rivals(shown, sim, axis), textbook(shown, sim, axis))
+            if axis not in said:
+                said[axis] = books(world, axis)
             try:
                 law = THIRD.outside[name].law(world, axis, np.random.default_rng(3))
                 current = logged(world.machine, law.columns)
                 fair.require_seen(current)
-                fair.require_foreign(np.concatenate(current), books[axis][0])
-                require_beyond(np.concatenate(current), books[axis][1])
+                fair.require_foreign(np.concatenate(current), said[axis][0])
+                require_beyond(np.concatenate(current), said[axis][1])
             except UnfairError:
                 continue
             open_to_question.remove(name)
@@ -147,9 +146,7 @@ def test_a_law_of_the_third_edition_is_no_other_one_of_any(on, drawn):
                 columns.append(np.concatenate(logged(world.machine, made.columns)))
             except UnfairError:  # not on this machine
                 columns.append(np.zeros(sum(len(p.t[:: world.machine.fine]) for p in world.parts)))
-        X = np.column_stack(columns)
-        X /= np.maximum(np.linalg.norm(X, axis=0), 1e-12)
-        alike.append(np.abs(X.T @ X) * (1 - np.eye(len(of))))
+        alike.append(likeness(columns))
     usual = np.median(alike, axis=0)[[name in THIRD.outside for name in of]]
     assert usual.max() < 0.75
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from benchmarks.newcomer.machines import Machine
-from benchmarks.newcomer.toolpaths import SAFE, Job, Path, down, flat, go, turned
+from benchmarks.newcomer.toolpaths import SAFE, Job, Path, down, flat, forth_and_back, go, turned
 from pido.core.arrays import Float1D, Float2D
 
 STOP = 0.05
@@ -108,14 +108,11 @@ def _dome(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator)
     """Over a dome along its meridians, in blocks of a fraction of a millimetre, up one side and down the other."""
     op, r = path.operations[-1], float(rng.uniform(0.2, 0.36)) * float(size.min())
     high, n = min(0.5 * r, 0.5 * SAFE * float(size.max())), 120
-    along = np.linspace(-1, 1, n)
-    for k, angle in enumerate(np.linspace(0, np.pi, int(rng.integers(4, 8)), endpoint=False)):
-        line = np.column_stack([turned(np.column_stack([r * along, 0 * along]), angle), high * (-(along**2)) - op.a_p])
-        line = line if k % 2 == 0 else line[::-1]
-        if k == 0:
-            go(path, line[0], size, machine)
-            down(path, float(line[0, 2]), op.feed_mm_s)
-        path.follow(line, op.feed_mm_s)
+    along, lines = np.linspace(-1, 1, n), []
+    for angle in np.linspace(0, np.pi, int(rng.integers(4, 8)), endpoint=False):
+        meridian = turned(np.column_stack([r * along, 0 * along]), angle)
+        lines.append(np.column_stack([meridian, high * (-(along**2)) - op.a_p]))
+    forth_and_back(path, lines, size, machine)
 
 
 def _touch(path: Path, size: Float1D, machine: Machine, rng: np.random.Generator) -> None:
