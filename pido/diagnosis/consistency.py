@@ -29,10 +29,14 @@ _REACH = 3  # samples to either side that a filter in the control may delay or b
 _LATE = 1.5  # steps that a clock may be wrong by
 _COARSE_S = 0.03  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
 _FAR_BEYOND = 10.0  # times what one speed in a thousand differs by from its neighbours
+_QUARTER = 0.3186  # of a normal deviation, below which a quarter of all absolute values are
+_SIDES = 0.3  # of what the speed differs from an acceleration, below which the position belongs to it
 _NO_DRIVE = 2.0  # times the largest acceleration and change of speed elsewhere: no drive does that for a sample or two
 _FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
 _MORE = 3.0  # times what any stretch of the same length loses elsewhere
 _SEVERAL = 10  # lengths of a stretch, fewer of which do not say what is usual
+_MOSTLY = 0.5  # of what is lost in a stretch
+_SOME_TIME = 0.4  # of a stretch, for which an axis moves whose position is frozen
 _ROUNDED = 3.0  # steps of rounding that a change from sample to sample may be off by
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
 _ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
@@ -115,7 +119,8 @@ def _position_and_speed(
     usual = _usual(rate[use], (expected / step)[use])
     grain = _grain(pos)
     rounding = _ROUNDED * _rounded_to(pos) / float(np.median(step))
-    change = np.abs(np.diff(v) / step)
+    # Both signals have to speed up or slow down: a spike in one of them is no hard motion.
+    change = np.minimum(np.abs(np.diff(v) / step), _around(np.abs(np.diff(moved / step, prepend=0.0) / step)))
     hard = use & (change > _SHORT * float(np.quantile(_few(change[use]), 0.999)))
     usual = max(usual, _in_motion(rate, use & (moved != 0)), _while_hard(rate, hard), rounding)
     lost_elsewhere = _lost_elsewhere(gap, use)
@@ -126,8 +131,12 @@ def _position_and_speed(
             inner = slice(i + _EDGE, max(j - _EDGE, i + _EDGE + 1))
             lost, way = float(np.ptp(np.cumsum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
             size = float(np.sqrt(np.mean(rate[inner] ** 2)))
-            if lost > max(_GRAINS * grain, 0.5 * way) and (
-                size > usual / 1.5 or lost > _MORE * lost_elsewhere(inner.stop - inner.start)
+            # A position that hung catches up; one that does not stood still, and a speed beside it is wrong for a while.
+            hung = name == "v" or _spread_out(gap[inner]) > _SOME_TIME or _catches_up(gap, j, lost)
+            if (
+                hung
+                and lost > max(_GRAINS * grain, 0.5 * way)
+                and (size > usual / 1.5 or lost > _MORE * lost_elsewhere(inner.stop - inner.start))
             ):
                 frozen[i : j + 1] = True
         getattr(out, name)[FROZEN] = frozen
@@ -147,13 +156,17 @@ def _position_and_speed(
     jumps: list[tuple[int, int, float]] = []
     apart = max(2, int(_ONE_FAULT_S / float(np.median(step))))
     for i, j in runs(_closed(bad, apart)):
-        if np.max(rough_pos[i : j + 1]) >= np.max(rough_v[i : j + 1]):
+        if a is not None and _has_neighbours(i, j, bad) and _like_position(moved / step, v, a, step, i, j):
+            spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _middle(moved / step)[i : j + 2]) > 0.5 * usual
+        elif np.max(rough_pos[i : j + 1]) >= np.max(rough_v[i : j + 1]):
             for way in (bad & (gap > 0), bad & (gap < 0)):
                 jumps += [
                     (i + p + 1, i + q + 1, float(np.sum(gap[i + p : i + q + 1]))) for p, q in runs(way[i : j + 1])
                 ]
         elif np.median(step) <= _COARSE_S and _has_neighbours(i, j, bad):
             spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _calm(v, i, j + 1)) > 0.5 * usual
+    if np.median(step) > _COARSE_S:
+        spike_v |= _unlike_motion(moved / step, v, a, step, use, usual)
     jumps.sort()
     spike = np.zeros(len(time), bool)
     k = 0
@@ -173,6 +186,58 @@ def _position_and_speed(
             out.displaced[first:] = True
         k += 1
     out.pos[JUMP], out.pos[SPIKE], out.v[SPIKE] = jump, spike, spike_v
+
+
+def _spread_out(values: Float1D) -> float:
+    """Share of a stretch over which values are spread: 1 for equal ones, nearly 0 for a spike among zeros."""
+    square = len(values) * float(np.sum(values**2))
+    return float(np.sum(np.abs(values))) ** 2 / square if square > 0 else 0.0
+
+
+def _catches_up(gap: Float1D, last: int, lost: float) -> bool:
+    """Whether the position makes up for most of what it lost in the steps after its sample `last`."""
+    return abs(float(np.sum(gap[last : last + _REACH]))) > _MOSTLY * lost
+
+
+def _like_position(rate: Float1D, v: Float1D, a: Float1D, step: Float1D, first: int, last: int) -> bool:
+    """Whether in a stretch of steps, and beside it, the acceleration is that of the position and not of the speed."""
+    around = slice(first - 1, last + 2)
+    told = (_middle(np.diff(rate, prepend=rate[:1]) / step), _middle(np.diff(v) / step))
+    by_pos, by_v = (float(np.sum(np.square((each - a)[around]))) for each in told)
+    return by_pos < _SIDES**2 * by_v
+
+
+def _middle(of_steps: Float1D) -> Float1D:
+    """(n,) – at the samples what (n - 1,) values of the steps between them say."""
+    return 0.5 * (np.r_[of_steps[:1], of_steps] + np.r_[of_steps, of_steps[-1:]])
+
+
+def _around(values: Float1D) -> Float1D:
+    """The largest within reach of each."""
+    return maximum_filter1d(np.nan_to_num(values), 2 * _REACH + 1)
+
+
+def _unlike_motion(
+    rate: Float1D, v: Float1D, a: Float1D | None, step: Float1D, use: Bool1D, usual: float
+) -> Bool1D:
+    """(n,) – samples of a coarse record whose speed no step around comes near.
+
+    rate : (n - 1,) – mean speed of each step by the position. Between two samples a speed may come and go, by no more
+    than the hardest acceleration makes of it; nor need the two signals be of the same moment.
+    """
+    size = 2 * _REACH
+    # The steps that begin or end within reach of a sample; a record begins and ends at rest.
+    steps = np.r_[np.nan_to_num(rate[:1]), np.nan_to_num(rate)]
+    low, high = (each(steps, size, origin=-1) for each in (minimum_filter1d, maximum_filter1d))
+    told = np.diff(rate, prepend=0.0) / step if a is None else a[1:]
+    hardest = float(np.quantile(np.abs(_few(told[use & np.isfinite(told)])), 0.999))
+    beyond = np.nan_to_num(np.maximum(v - high, low - v))
+    core = beyond > usual + hardest * float(np.median(step))
+    core[:_REACH] = core[-_REACH:] = False
+    out = core.copy()
+    for i, j in runs(beyond > 0.5 * usual):
+        out[i : j + 1] |= bool(core[i : j + 1].any())
+    return out
 
 
 def _speed_and_acceleration(
@@ -278,8 +343,12 @@ def _in_motion(difference: Float1D, rows: Bool1D) -> float:
 
 def _while_hard(difference: Float1D, rows: Bool1D) -> float:
     """The same in the `rows` in which the axis speeds up or slows down: a measured signal is as rough as its sensor
-    there, or as late as its filter, and as it should be for the rest of the time."""
-    return _ROUGH * float(np.quantile(np.abs(difference[rows]), 0.9)) if rows.sum() >= _FEWEST else 0.0
+    there, or as late as its filter, and as it should be for the rest of the time. An axis that seldom moves may be
+    faulty in half of these rows: the calmest quarter tells their deviation."""
+    if rows.sum() < _FEWEST:
+        return 0.0
+    calm, most = (float(q) for q in np.quantile(np.abs(difference[rows]), [0.25, 0.9]))
+    return min(_ROUGH * most, _FACTOR * calm / _QUARTER)
 
 
 def _rounded_to(values: Float1D) -> float:

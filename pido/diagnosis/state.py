@@ -57,6 +57,7 @@ class AxisState:
     engaged : the tool cuts; edge_length : mm, axial depth of cut where the operations give it; end_length : mm, the
         same, in a plunge the radius of the tool, which then cuts with its end
     teeth_in_cut : mean number of teeth that are in the material at once; tool_radius : mm
+    edge_in_cut : mm, edge of the whole operation in the material, in proportion to the area that is really removed
     cut_volume, cut_time : mm³, s that the present cutting edge has cut, `used_before` and earlier parts included
     clock : s, the machine's own; earlier : (start, end) on that clock of the parts made before, s
     places : machine position of each linear axis, mm; angle : of the spindle, deg
@@ -90,6 +91,7 @@ class AxisState:
     edge_length: Float1D | None = None
     end_length: Float1D | None = None
     teeth_in_cut: Float1D | None = None
+    edge_in_cut: Float1D | None = None
     tool_radius: Float1D | None = None
     coolant: Float1D | None = None
     tool_id: Array1D | None = None
@@ -210,6 +212,7 @@ def _state(
         edge_length=depth,
         end_length=_end_length(depth, radius, {**motions, axis: own}),
         teeth_in_cut=_teeth_in_cut(recording, tool, radius, ar, depth),
+        edge_in_cut=_edge_in_cut(recording, tool, radius, ar, depth, {**motions, axis: own}),
         tool_radius=radius,
         coolant=c if (c := _numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
         tool_id=tool,
@@ -351,8 +354,12 @@ def _end_length(depth: Float1D | None, radius: Float1D | None, moved: Mapping[st
     """The axial depth of cut; where the tool goes mainly along its axis, its radius."""
     if depth is None or radius is None or any(a not in moved for a in LINEAR_AXES):
         return depth
-    plunges = np.abs(moved["z"].v) > np.maximum(np.hypot(moved["x"].v, moved["y"].v), _LINEAR_DEAD_BAND)
-    return np.where(plunges & (depth > 0) & np.isfinite(radius), radius, depth)
+    return np.where(_plunges(moved) & (depth > 0) & np.isfinite(radius), radius, depth)
+
+
+def _plunges(moved: Mapping[str, Motion]) -> Bool1D:
+    """Whether the tool goes mainly along its axis."""
+    return np.abs(moved["z"].v) > np.maximum(np.hypot(moved["x"].v, moved["y"].v), _LINEAR_DEAD_BAND)
 
 
 def _teeth_in_cut(
@@ -368,6 +375,26 @@ def _teeth_in_cut(
     if width is None or teeth is None or radius is None:
         return None
     return teeth * np.arccos(1.0 - np.clip(width / radius, 0.0, 2.0)) / (2.0 * np.pi)
+
+
+def _edge_in_cut(
+    recording: Recording,
+    tool: Array1D | None,
+    radius: Float1D | None,
+    ar: Float1D | None,
+    depth: Float1D | None,
+    moved: Mapping[str, Motion],
+) -> Float1D | None:
+    """Edge in the material, mm: of the whole operation, a_p times the mean number of teeth in cut, by the share of its
+    area a_p * a_e that is removed. A plunge has all teeth over the tool's radius in the material, and its whole area.
+    """
+    width, teeth = _operation(recording, "a_e"), _of_tool(recording, tool, lambda t: t.teeth or 1)
+    if ar is None or depth is None or width is None or teeth is None or radius is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        in_cut = teeth * np.arccos(1.0 - np.clip(width / radius, 0.0, 2.0)) / (2.0 * np.pi)
+        edge = np.where(_plunges(moved), teeth / (np.pi * radius), in_cut / width) * ar
+    return np.where(ar > 0, np.nan_to_num(edge, nan=0.0, posinf=0.0), 0.0)
 
 
 def _of_tool(recording: Recording, tool: Array1D | None, what: Callable[[PartTool], float | None]) -> Float1D | None:

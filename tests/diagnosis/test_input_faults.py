@@ -181,6 +181,43 @@ def test_a_wrong_signal_is_found_where_it_is_wrong(rate, column, seconds, change
     assert last <= end + 0.35
 
 
+def in_rows(recording, found):
+    """(n,) – samples within intervals of a column."""
+    at = [(recording.time >= f.t_start) & (recording.time <= f.t_end) for f in found]
+    return np.any(at, axis=0)
+
+
+@pytest.mark.parametrize("by", [-45.0, 60.0])
+def test_a_speed_in_a_slow_record_that_no_step_of_the_position_comes_near_is_wrong(by):
+    """At 20 Hz, in an axis that moves for a tenth of the time, so that its hard motion is faulty in good part."""
+    rate = 20.0
+    t = np.arange(0.0, 120.0, 0.0005)
+    v = 30.0 * np.sin(2 * np.pi * t / 0.6) ** 2 * np.sign(np.sin(2 * np.pi * t / 1.2)) * (np.mod(t, 12.0) < 1.2)
+    pick = slice(None, None, int(2000 / rate))
+    columns = {"pos_z": np.round(50 + np.cumsum(v) * 0.0005, 3), "v_z": v, "a_z": np.gradient(v, t)}
+    true = Recording(PartInfo(part="p", machine="m"), {"time": t[pick], **{k: c[pick] for k, c in columns.items()}})
+    assert input_faults(true) == {}
+    wrong = np.zeros(len(true), bool)
+    for k in range(9):
+        wrong[round((12.0 * (k + 1) + 0.3 * k) * rate) + np.arange(5)] = True
+    found = input_faults(true.with_columns(v_z=true["v_z"] + by * wrong))
+    assert "pos_z" not in found
+    marked = in_rows(true, found["v_z"])
+    assert np.mean(marked[wrong]) > 0.8
+    assert np.sum(marked & ~wrong) < 0.1 * wrong.sum()
+
+
+def test_a_position_that_stands_beside_a_wrong_speed_is_not_frozen():
+    true = axis_in_motion(200.0, noise=0.0)
+    standing = np.flatnonzero(true["v_x"] == 0)
+    i = int(standing[np.searchsorted(standing, standing[0] + 40)])
+    spiked = put(true, "v_x", slice(i - 60, i + 4), 40.0)
+    found = input_faults(spiked)
+    assert "pos_x" not in found
+    marked = in_rows(spiked, found["v_x"])
+    assert marked[i - 60 : i + 4].all()
+
+
 def test_slow_motion_that_a_frozen_speed_missed_is_found_beside_rapids():
     """Rapids make any single step of it look usual; the stretch loses more than any other of its length does."""
     t = np.arange(0.0, 100.0, 0.001)

@@ -161,26 +161,50 @@ class StandstillFriction(Mechanism):
 
 
 class FrictionAsymmetry(Mechanism):
-    """Different Coulomb and viscous friction in the two directions; `side`: 0 both halves, 1 only +, 2 only -."""
+    """Different Coulomb and viscous friction in the two directions.
+
+    side : 0 both halves, 1 only +, 2 only -, 3 in + and `back` times as much in -, 4 the other way round
+    """
 
     id = "friction_asymmetry"
-    equation = "dI = (dF_c + dF_v * |v|) on one side or in opposite halves, at rest 0 or held"
+    equation = (
+        "dI = (dF_c + dF_v * |v|) on one side, in opposite halves, or on one side and back times as much on the other, "
+        "at rest 0 or held"
+    )
     amplitudes = (Parameter("dF_c", "A"), Parameter("dF_v", "A/(mm/s)"))
-    shape = (choice("side", 3), _REST)
+    shape = (choice("side", 5), Parameter("back", "–", low=-0.95, high=0.95, values=(-0.4, 0.4)), _REST)
     axes = LINEAR_AXES
     summary = "{axis} axis, friction differs between + and - direction"
 
-    def regressors(self, state, *, side, rest=0.0):
+    def regressors(self, state, *, side, back=0.0, rest=0.0):
         h = direction(state, rest)
-        weight = (np.abs(h) / 2, np.maximum(h, 0.0), np.minimum(h, 0.0))[which(side, 3)]
+        forth, other = np.maximum(h, 0.0), np.minimum(h, 0.0)
+        weight = (np.abs(h) / 2, forth, other, forth + back * other, other + back * forth)[which(side, 5)]
         return np.column_stack([weight, weight * np.abs(state.v)])
+
+    def starts(self, states):
+        once = [shape for shape in super().starts(states) if shape["side"] >= 3 or shape["back"] > 0]
+        return tuple(shape if shape["side"] >= 3 else {**shape, "back": 0.0} for shape in once)
+
+    def around(self, name, shape, states):
+        if name == "back" and shape["side"] >= 3:
+            return -0.95, 0.95
+        return shape[name], shape[name]
+
+    def free(self, shape):
+        return int(shape["side"] >= 3)
+
+    def idle(self, shape):
+        return frozenset() if shape["side"] >= 3 else frozenset({"back"})
 
     def equation_in(self, axis, shape):
         form = (
             "(dF_c + dF_v * |v|) / 2 in both directions",
             "dF_c + dF_v * |v| in + direction only",
             "-(dF_c + dF_v * |v|) in - direction only",
-        )[which(shape["side"], 3)]
+            "dF_c + dF_v * |v| in + direction, -back times as much in -",
+            "-(dF_c + dF_v * |v|) in - direction, back times as much in +",
+        )[which(shape["side"], 5)]
         return f"dI = {form}, {at_rest(shape.get('rest', 0.0))}"
 
     def needs(self, states):

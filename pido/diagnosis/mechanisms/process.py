@@ -62,18 +62,19 @@ class EdgeForce(Mechanism):
     along : 0 constant, 1 sign of the motion, 2 share of the feed, 3 direction of the process force; at the spindle 0
         constant, 1 sign of its motion, 2 that at the lever of the tool's radius
     length : 0 as often as the tool is engaged, 1 axial depth of cut, 2 that times the mean number of teeth in cut,
-        3 the same with the tool's radius for the depth of a plunge, which cuts with the end of the tool
+        3 the same with the tool's radius for the depth of a plunge, which cuts with the end of the tool, 4 that of the
+        whole operation, by the share of its area that is removed
     """
 
     id = "edge_force"
     equation = (
         "dI = K_e * b while engaged, along the feed or the process force, at the spindle times the tool's radius; "
-        "b = 1, a_p, or a_p * teeth in cut, in a plunge with that radius for a_p"
+        "b = 1, a_p, or a_p * teeth in cut, in a plunge with that radius for a_p, as far as the tool is in the material"
     )
     amplitudes = (Parameter("K_e", "A, per mm or mm²"),)
-    shape = (choice("along", 4), choice("length", 4))
+    shape = (choice("along", 4), choice("length", 5))
     summary = "{axis} axis, whenever the tool is engaged, however thin the chip"
-    follows_from = ("engaged", "force", "edge_length", "tool_radius", "ar")
+    follows_from = ("engaged", "force", "edge_length", "edge_in_cut", "tool_radius", "ar")
 
     def regressors(self, state, *, along, length):
         edge, side = _edge(state, round(length)), _side(state, round(along))
@@ -84,11 +85,11 @@ class EdgeForce(Mechanism):
     def equation_in(self, axis, shape):
         along, length = round(shape["along"]), round(shape["length"])
         share = ("", "sgn(v)", "tool radius * sgn(v)" if axis == "sp" else "v / feed", "f_i / |F|")[along]
-        edge = ("", "a_p", "a_p * teeth in cut", "a_p * teeth in cut")[length]
+        edge = ("", "a_p", "a_p * teeth in cut", "a_p * teeth in cut", "AR / a_e * teeth in cut")[length]
         product = " * ".join(part for part in ("K_e", edge, share) if part)
         more = ("", f", {at_rest()}", f", {at_rest()}", "; F = whole process force")[along]
-        plunge = "; in plunges the tool radius stands for a_p" if length == 3 else ""
-        return f"dI = {product} while engaged{more}{plunge}"
+        plunge = ("; in plunges the tool radius stands for a_p", "; in plunges AR / (pi * tool radius) * teeth")
+        return f"dI = {product} while engaged{more}{plunge[length - 3] if length >= 3 else ''}"
 
     def starts(self, states):
         ends = any(
@@ -97,7 +98,7 @@ class EdgeForce(Mechanism):
             and not np.array_equal(s.end_length, s.edge_length, equal_nan=True)
             for s in states
         )
-        return tuple(shape for shape in super().starts(states) if ends or shape["length"] < 3)
+        return tuple(shape for shape in super().starts(states) if ends or shape["length"] != 3)
 
     def needs(self, states):
         return engages(states)
@@ -107,6 +108,8 @@ def _edge(state: AxisState, length: int) -> Float1D | None:
     """(n,), mm or 1 – edge in the material."""
     if length == 0:
         return np.ones(len(state.time))
+    if length == 4:
+        return state.edge_in_cut
     length_in_cut = state.edge_length if length < 3 or state.end_length is None else state.end_length
     if length_in_cut is None or (length > 1 and state.teeth_in_cut is None):
         return None
