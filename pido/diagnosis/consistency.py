@@ -131,7 +131,7 @@ def _position_and_speed(
             inner = slice(i + _EDGE, max(j - _EDGE, i + _EDGE + 1))
             lost, way = float(np.ptp(np.cumsum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
             size = float(np.sqrt(np.mean(rate[inner] ** 2)))
-            # A position that hung catches up; one that does not stood still, and a speed beside it is wrong for a while.
+            # A position that hung catches up; one that does not stood still, and a speed beside it is wrong a while.
             hung = name == "v" or _spread_out(gap[inner]) > _SOME_TIME or _catches_up(gap, j, lost)
             if (
                 hung
@@ -217,9 +217,7 @@ def _around(values: Float1D) -> Float1D:
     return maximum_filter1d(np.nan_to_num(values), 2 * _REACH + 1)
 
 
-def _unlike_motion(
-    rate: Float1D, v: Float1D, a: Float1D | None, step: Float1D, use: Bool1D, usual: float
-) -> Bool1D:
+def _unlike_motion(rate: Float1D, v: Float1D, a: Float1D | None, step: Float1D, use: Bool1D, usual: float) -> Bool1D:
     """(n,) – samples of a coarse record whose speed no step around comes near.
 
     rate : (n - 1,) – mean speed of each step by the position. Between two samples a speed may come and go, by no more

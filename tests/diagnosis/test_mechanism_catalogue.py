@@ -79,6 +79,7 @@ def full_state(axis):
     state = axis_state(recording(), axis)
     ones = np.ones(len(state.time))
     state = replace(state, edge_length=3 * ones, end_length=8 * ones, teeth_in_cut=2 * ones, tool_radius=8 * ones)
+    state = replace(state, edge_in_cut=6 * ones)
     return replace(state, tool_mass=2 * ones, vertical=True, clock=state.time, earlier=())
 
 
@@ -251,3 +252,28 @@ def test_a_tool_that_plunges_cuts_with_its_end():
     edge = next(m for m in CATALOGUE if m.id == "edge_force")
     assert {s["length"] for s in edge.starts([state])} == {0.0, 1.0, 2.0, 3.0}
     assert {s["length"] for s in edge.starts([axis_state(one, "x")])} == {0.0, 1.0, 2.0}
+
+
+def test_an_edge_in_cut_is_that_of_the_operation_by_the_share_of_its_area_that_is_removed():
+    one = recording()
+    about = one.part.model_dump(mode="json") | {
+        "tools": {"1": {"diameter_mm": 6.0, "teeth": 4}},
+        "tool_changes": [{"t": 0.0, "tool_id": 1}],
+        "operations": [{"nc_line": 1, "a_p": 0.5, "a_e": 3.0}],
+    }
+    n = len(one)
+    still, down = np.zeros(n), np.where(one.time < 10.0, -2.0, 0.0)
+    area = np.where(down != 0, np.pi * 3.0**2, np.where(one.time < 20.0, 1.5, 0.75)) * (one.time < 30.0)
+    columns = {**one.columns, "v_x": 1.0 - (down != 0), "v_y": still, "v_z": down}
+    columns |= {f"a_{a}": still for a in "xyz"} | {"nc_line": still + 1}
+    columns["mrr_sim"] = area * np.where(down != 0, 2.0, 1.0)
+    state = axis_state(Recording(PartInfo.model_validate(about), columns), "x")
+    # All four teeth over the radius in a plunge; a quarter of a turn of each of them beside it, then half of that.
+    at = [np.unique(np.round(state.edge_in_cut[rows], 9)) for rows in (
+        one.time < 9.9, (one.time > 10.1) & (one.time < 19.9), (one.time > 20.1) & (one.time < 29.9), one.time > 30.1,
+    )]  # fmt: skip
+    assert at == [[12.0], [0.5], [0.25], [0.0]]
+    edge = next(m for m in CATALOGUE if m.id == "edge_force")
+    np.testing.assert_array_equal(edge.regressors(state, along=0.0, length=4.0)[:, 0], state.edge_in_cut)
+    assert {s["length"] for s in edge.starts([state])} == {0.0, 1.0, 2.0, 3.0, 4.0}
+    assert units(edge, {"along": 0.0, "length": 4.0}, "x") == {"K_e": "A/mm"}

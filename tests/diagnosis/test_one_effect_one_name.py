@@ -56,6 +56,16 @@ def test_a_law_that_a_drive_answers_late_is_one_finding_by_its_own_name(law, nam
     assert late[0].lag == pytest.approx(0.02, rel=0.1)
 
 
+def test_friction_that_is_more_in_one_direction_and_a_little_less_in_the_other_is_one_asymmetry():
+    mismatch, _ = laid_out(lambda s: 0.03 * (np.maximum(s.v, 0.0) - 0.3 * np.minimum(s.v, 0.0)))
+    rng = np.random.default_rng(0)
+    (term,) = search(first_look(mismatch, rng), 1, False, rng).terms
+    assert term.name == "friction_asymmetry"
+    shape = dict(term.shape)
+    assert shape["side"] == 3
+    assert shape["back"] == pytest.approx(-0.3, abs=0.1)
+
+
 def test_friction_that_is_held_at_once_and_answered_late_is_one_finding():
     mismatch, _ = laid_out(lambda s: answered_late(0.2 * s.held[None] + 0.02 * s.v, s.time, 0.04)[0])
     rng = np.random.default_rng(0)

@@ -98,7 +98,9 @@ class EdgeForce(Mechanism):
             and not np.array_equal(s.end_length, s.edge_length, equal_nan=True)
             for s in states
         )
-        return tuple(shape for shape in super().starts(states) if ends or shape["length"] != 3)
+        by_area = all(s.edge_in_cut is not None for s in states)
+        known = {0.0, 1.0, 2.0, *((3.0,) if ends else ()), *((4.0,) if by_area else ())}
+        return tuple(shape for shape in super().starts(states) if shape["length"] in known)
 
     def needs(self, states):
         return engages(states)
