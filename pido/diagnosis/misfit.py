@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.diagnosis.confirm import (
@@ -44,6 +45,9 @@ _MISFIT_AT_STOPS = 0.08
 AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
 _CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
 _TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: with so much of it gone it is no gain
+_UNEVEN = 0.6  # of the size of a law, by which it may differ from part to part: it has no quite true form
+_UNEVEN_P = 1e-6
+_FEWEST_PARTS, _SOME = 4, 1e-3  # parts with at least this share of a law's power
 _SMALL = 0.12  # the same share for a finding that is small in its own right
 _WARMS_S = 10.5  # what changes faster ends at the shortest time constant of a drift
 _FEW_LASTING = 20  # rows
@@ -92,6 +96,9 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
         few = len(terms) == 1 and (bool(term.gates) or _seldom(mismatch, term, acts))
         if not _holds_unseen(mismatch, judge, before, after, acts, few):
             return i, "no gain on parts that were not fitted"
+    i = _differs_by_part(mismatch, terms, effects, joint.residual)
+    if i is not None:
+        return i, "it has another size in every part: no law of the catalogue has"
     i = _mends_at_stops(mismatch, noise, terms)
     if i is not None:
         return i, "it hardly adds to what the others around stops and reversals remove: it mends their form"
@@ -137,6 +144,40 @@ def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> 
     if missed[least] >= _MISFIT_AT_STOPS * (error(family) - whole):
         return None
     return None if less_error(mismatch, terms, [t for k, t in enumerate(terms) if k != least], WORTH) else least
+
+
+def _differs_by_part(
+    mismatch: Mismatch, terms: Sequence[Term], effects: Sequence[Float1D], residual: Float1D
+) -> int | None:
+    """The law whose size differs most from part to part, where that is more than _UNEVEN of its mean size and more than
+    blocks scatter; None where each is the same everywhere, as far as parts can tell.
+
+    Source: variance between studies (DerSimonian and Laird 1986), with the variance of each from its blocks.
+    """
+    most, which = _UNEVEN, None
+    for i, (term, effect) in enumerate(zip(terms, effects, strict=True)):
+        if term.name in _TIED_TO_TIME or term.mechanism.id == "tool_wear":
+            continue
+        x, left = effect * mismatch.usable, (residual + effect) * mismatch.usable
+        power, inner = (np.bincount(mismatch.part, v) for v in (x**2, x * left))
+        some = power > _SOME * power.sum()
+        if some.sum() < _FEWEST_PARTS:
+            continue
+        size = np.where(some, inner / np.where(some, power, 1.0), 0.0)
+        scatter = np.bincount(mismatch.block, (left - size[mismatch.part] * x) * x) ** 2
+        first = np.unique(mismatch.block, return_index=True)[1]
+        variance = (
+            np.bincount(mismatch.part[first], scatter[mismatch.block[first]], len(power))[some] / power[some] ** 2
+        )
+        weight = 1 / np.maximum(variance, 1e-12)
+        mean = float(weight @ size[some] / weight.sum())
+        excess = float(weight @ (size[some] - mean) ** 2)
+        free = int(some.sum()) - 1
+        between = max(0.0, excess - free) / float(weight.sum() - np.sum(weight**2) / weight.sum())
+        share = np.sqrt(between) / max(abs(mean), 1e-12)
+        if share > most and chi2.sf(excess, free) < _UNEVEN_P:
+            most, which = share, i
+    return which
 
 
 def _cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:

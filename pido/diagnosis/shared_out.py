@@ -1,7 +1,8 @@
-"""When many names share out what is missing on one axis, and none is most of it: one honest `unknown` in their place.
+"""When several names share out what is missing on one axis, and none is most of it, or when two take most of each other
+back: one honest `unknown` in their place.
 
 In:  the terms of an axis as they are proved, and their findings.
-Out: the findings as they are, or a single one without a name that is the sum of the laws; the model stays the same.
+Out: the findings as they are, or one without a name that is the sum of the laws; the model stays the same.
 
 Several laws at once are rare, and the textbook's forms, each in a box of its own, can imitate nearly anything. Where
 two laws are really missing, the two that do most do nearly all; where one law is that nobody has named, each of many
@@ -11,7 +12,8 @@ no textbook.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +23,7 @@ from pido.diagnosis.answers import where_of
 from pido.diagnosis.confirm import held_out, plain_errors
 from pido.diagnosis.finding import Evidence, Finding
 from pido.diagnosis.formulas import LEVEL
+from pido.diagnosis.misfit import AT_STOPS
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
@@ -28,6 +31,7 @@ from pido.diagnosis.whiten import Noise
 MANY = 4  # laws on one axis
 _MOST = 0.5  # of what all take away of the mean square on unseen folds, that one of few does alone
 _NEARLY_ALL = 0.75  # the same of two
+_TAKEN_BACK = 0.5  # of the power that two laws have each by itself, below which their sum has little of either
 
 
 def one_for_many(
@@ -43,33 +47,88 @@ def one_for_many(
 
     recorded : (n,), A – the recorded current; level : A – noise of the axis
     """
-    if not is_shared_out(full, terms):
+    effects = [a @ t.columns(full.states) for t, a in zip(terms, amplitudes, strict=True)]
+    if is_shared_out(full, terms):
+        every = range(len(terms))
+        one = _sum_of(every, full, noise, terms, effects, findings, recorded, level)
+        return [one], (
+            f"axis {full.axis}: {len(terms)} laws share out what is missing there ({_names(findings, every)}), and none "
+            "of them is most of it. That many at once are less likely than one that no name is known for: they stand "
+            "as one finding without a name, which corrects the simulation as it is."
+        )
+    two = opposed(terms, [e[full.usable] for e in effects])
+    if two is None:
         return list(findings), None
-    axis = full.axis
-    effect = np.sum([a @ t.columns(full.states) for t, a in zip(terms, amplitudes, strict=True)], axis=0)
+    one = _sum_of(two, full, noise, terms, effects, findings, recorded, level)
+    rest = [one if k == two[0] else f for k, f in enumerate(findings) if k != two[1]]
+    return rest, (
+        f"axis {full.axis}: two laws take most of each other back ({_names(findings, two)}). What is left of them is "
+        "likelier one law that no name is known for: they stand as one finding without a name, which corrects the "
+        "simulation as it is."
+    )
+
+
+def _names(findings: Sequence[Finding], which: Collection[int]) -> str:
+    return ", ".join(findings[k].mechanism for k in which)
+
+
+def _sum_of(
+    which: Collection[int],
+    full: Mismatch,
+    noise: Noise,
+    terms: Sequence[Term],
+    effects: Sequence[Float1D],
+    findings: Sequence[Finding],
+    recorded: Float1D,
+    level: float,
+) -> Finding:
+    """One finding without a name for those of `which`, beside the others."""
+    axis, some = full.axis, [findings[k] for k in which]
+    rest = [t for k, t in enumerate(terms) if k not in which]
+    effect = np.sum([effects[k] for k in which], axis=0)
     where = where_of(full.states, Term(LEVEL), effect, full.edges, level)
-    laws = [f"({k}) {f.equation}" for k, f in enumerate(findings, start=1)]
-    names = ", ".join(f.mechanism for f in findings)
-    one = Finding(
+    laws = [f"({k}) {f.equation}" for k, f in enumerate(some, start=1)]
+    return Finding(
         axis=axis,
         mechanism="unknown",
         kind="unexplained",
         equation=f"dI_{axis} = sum of {len(laws)} laws, none of which is most of it: " + "; ".join(laws),
-        parameters={f"{n}_{k}": e for k, f in enumerate(findings, start=1) for n, e in f.parameters.items()},
+        parameters={f"{n}_{k}": e for k, f in enumerate(some, start=1) for n, e in f.parameters.items()},
         where=replace(where, summary=f"{axis} axis, over the intervals below; no single condition says where"),
         evidence=Evidence(
-            min(f.evidence.p_value for f in findings),
-            min(f.evidence.q_value for f in findings),
-            fit(full, noise, []).bic - fit(full, noise, terms).bic,
+            min(f.evidence.p_value for f in some),
+            min(f.evidence.q_value for f in some),
+            fit(full, noise, rest).bic - fit(full, noise, terms).bic,
         ),
-        fit=held_out(full, noise, terms, [], recorded),
-        replaces=tuple(dict.fromkeys(name for f in findings for name in f.replaces)),
+        fit=held_out(full, noise, terms, rest, recorded),
+        replaces=tuple(dict.fromkeys(name for f in some for name in f.replaces)),
     )
-    return [one], (
-        f"axis {axis}: {len(laws)} laws share out what is missing there ({names}), and none of them is most of it. "
-        "That many at once are less likely than one that no name is known for: they stand as one finding without a "
-        "name, which corrects the simulation as it is."
-    )
+
+
+def opposed(terms: Sequence[Term], effects: Sequence[Float1D]) -> tuple[int, int] | None:
+    """The two laws that take most of each other back, of several such the two that do so most; None without.
+
+    effects : per term (n,), A, on usable rows
+    Two wrong coefficients of one friction curve may do so, and what acts around stops mends each other's form. Neither
+    can two laws without a free number: their difference is no other law.
+    """
+    most, which = _TAKEN_BACK, None
+    for (i, a), (j, b) in itertools.combinations(enumerate(terms), 2):
+        own = [t.mechanism.id for t in (a, b)]
+        wrong = all(t.name.startswith("miscalibrated:") for t in (a, b))
+        if wrong or set(own) <= AT_STOPS or not (a.free or b.free) or not all(map(_is_law, (a, b))):
+            continue
+        power = float(effects[i] @ effects[i] + effects[j] @ effects[j])
+        both = effects[i] + effects[j]
+        left = float(both @ both) / max(power, 1e-300)
+        if left < most:
+            most, which = left, (i, j)
+    return which
+
+
+def _is_law(term: Term) -> bool:
+    """Whether it is of the motion or the process and has a name: no fault of the data, no force over intervals."""
+    return term.name not in ("unknown", "external_force") and term.mechanism.kind != "data_fault"
 
 
 def is_shared_out(full: Mismatch, terms: Sequence[Term]) -> bool:

@@ -1,13 +1,16 @@
 """Many names for one effect that none of them is: one finding without a name, and only then."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pido.diagnosis.finding import Estimate, Evidence, Finding, HeldOut, Where
 from pido.diagnosis.formulas import Formula
-from pido.diagnosis.shared_out import MANY, is_shared_out, one_for_many
+from pido.diagnosis.shared_out import MANY, is_shared_out, one_for_many, opposed
 from pido.diagnosis.signals import signals
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Gate, Term, fit
+from tests.diagnosis.feeds import BY_ID
 from tests.diagnosis.planted import NOISE, planted
 
 LAWS = ("v_x", "v_y", "a_x", "a_y")
@@ -67,3 +70,52 @@ def test_findings_that_are_not_shared_out_stay_as_they_are():
         mismatch, noise, terms, fit(mismatch, noise, terms).amplitudes, findings, mismatch.target, NOISE
     )
     assert same == (findings, None)
+
+
+def friction(id_, name="", **shape):
+    return Term(BY_ID[id_], tuple(shape.items()), (), name)
+
+
+DRIFT = friction("thermal_drift", along=1.0, tau=20.0, warms=0.0)
+COULOMB = friction("coulomb_friction", rest=0.0)
+WRONG = friction("coulomb_friction", "miscalibrated:coulomb_friction", rest=0.0)
+WRONG_STRIBECK = friction("stribeck_friction", "miscalibrated:stribeck_friction", v_s=2.0, delta=1.0, rest=0.0)
+STANDSTILL = friction("standstill_friction", rest=0.0)
+STRIBECK = friction("stribeck_friction", v_s=2.0, delta=1.0, rest=1.0)
+VISCOUS = friction("viscous_friction")
+BOX = replace(VISCOUS, gates=(Gate("AR", low=2.0),))
+
+
+@pytest.mark.parametrize(
+    ("two", "back", "which"),
+    [
+        ((DRIFT, COULOMB), 0.7, (0, 1)),
+        ((DRIFT, COULOMB), 0.2, None),  # most of both is left
+        ((DRIFT, COULOMB), -0.7, None),  # they add up
+        ((WRONG, WRONG_STRIBECK), 0.7, None),  # a friction curve with two wrong numbers
+        ((STANDSTILL, STRIBECK), 0.7, None),  # around stops
+        ((COULOMB, VISCOUS), 0.7, None),  # nothing free: their difference is friction that falls with speed
+        ((COULOMB, BOX), 0.7, (0, 1)),
+    ],
+)
+def test_two_laws_that_take_most_of_each_other_back_are_one_without_a_name(two, back, which):
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(size=(2, 4000))
+    assert opposed(two, [one, -back * one + np.sqrt(1 - back**2) * other]) == which
+
+
+def test_two_that_oppose_each_other_stand_as_one_beside_what_else_was_found():
+    mismatch, noise, terms = laid_out(1, 1, 1, 0)
+    names = ["thermal_drift", "coulomb_friction", "inertia"]
+    findings = [finding(name, k) for k, name in enumerate(names, start=1)]
+    law = replace(terms[0], gates=(Gate("v_y", low=-1e6),))
+    named = [replace(t, name=name) for t, name in zip((law, law, terms[2]), names, strict=True)]
+    size, _, last = fit(mismatch, noise, terms).amplitudes
+    (one, third), note = one_for_many(
+        mismatch, noise, named, [size, -0.9 * size, last], findings, mismatch.target, NOISE
+    )
+    assert one.mechanism == "unknown"
+    assert list(one.parameters) == ["k_1", "k_2"]
+    assert third is findings[2]
+    assert note is not None
+    assert "thermal_drift, coulomb_friction" in note
