@@ -52,9 +52,9 @@ def one_for_many(
         every = range(len(terms))
         one = _sum_of(every, full, noise, terms, effects, findings, recorded, level)
         return [one], (
-            f"axis {full.axis}: {len(terms)} laws share out what is missing there ({_names(findings, every)}), and none "
-            "of them is most of it. That many at once are less likely than one that no name is known for: they stand "
-            "as one finding without a name, which corrects the simulation as it is."
+            f"axis {full.axis}: {len(terms)} laws share out what is missing there ({_names(findings, every)}), and "
+            "none of them is most of it. That many at once are less likely than one that no name is known for: they "
+            "stand as one finding without a name, which corrects the simulation as it is."
         )
     two = opposed(terms, [e[full.usable] for e in effects])
     if two is None:

@@ -9,10 +9,11 @@ from scipy import stats
 from pido.diagnosis.confirm import Whitened, half_widths, p_value, q_values
 from pido.diagnosis.estimate import estimate
 from pido.diagnosis.formulas import Formula, Surface
+from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import AxisModel
 from pido.diagnosis.terms import Term, held_back, solve
-from tests.diagnosis.planted import NOISE, planted
+from tests.diagnosis.planted import NOISE, VISCOUS, planted
 
 _ROWS, _BLOCKS = 1200, 40
 
@@ -150,3 +151,13 @@ def test_a_corner_that_hardly_any_row_reaches_has_an_interval_that_can_be_read()
     assert high - low < 100 * NOISE
     low, high = found["g_0"].ci95
     assert 0 < high - low < NOISE
+
+
+@pytest.mark.parametrize(
+    ("sizes", "rejected"),
+    [((1, 1, 1, 1, 1, 1), False), ((0.7, 1.3, 0.8, 1.1, 0.9, 1.2), False), ((-0.2, 0.4, 0.7, 1.5, 2.4, 3.0), True)],
+)
+def test_a_law_has_the_same_size_in_every_part_or_its_form_is_another(sizes, rejected):
+    library, noise = planted(lambda s: sizes[int(s.part[1:])] * s.v, count=6)
+    _, reason = useless(library, noise, [Term(VISCOUS)])
+    assert (reason is not None and "in every part" in reason) == rejected
