@@ -183,8 +183,10 @@ class FrictionAsymmetry(Mechanism):
         return np.column_stack([weight, weight * np.abs(state.v)])
 
     def starts(self, states):
-        once = [shape for shape in super().starts(states) if shape["side"] >= 3 or shape["back"] > 0]
-        return tuple(shape if shape["side"] >= 3 else {**shape, "back": 0.0} for shape in once)
+        """Of what acts on both sides only forms that are zero at rest: a search looks for the others from there."""
+        every = super().starts(states)
+        one = tuple({**shape, "back": 0.0} for shape in every if shape["side"] < 3 and shape["back"] > 0)
+        return one + tuple(shape for shape in every if shape["side"] >= 3 and shape["rest"] == 0)
 
     def around(self, name, shape, states):
         if name == "back" and shape["side"] >= 3:
