@@ -21,6 +21,9 @@ from pido.physics.friction import dahl_state, stribeck_curve
 _TURNS_MM = (0.0, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
 # What turns over the longest of them, in motion, is presliding by its own name.
 _REST = choice("rest", len(_TURNS_MM))
+# Friction of the other direction, of that of the first, which is still an asymmetry: with more of it the axis lacks
+# Coulomb's or viscous friction as well, which is a finding of its own; with all of it against it, it is two halves.
+_LEAST_BACK, _MOST_BACK = 0.3, 0.95
 _SHORTEST = 2.0  # mm, of a wave of friction along the travel: half the lead of a fine screw
 PEAKS = 3  # of a periodogram that are handed on
 
@@ -172,7 +175,7 @@ class FrictionAsymmetry(Mechanism):
         "at rest 0 or held"
     )
     amplitudes = (Parameter("dF_c", "A"), Parameter("dF_v", "A/(mm/s)"))
-    shape = (choice("side", 5), Parameter("back", "–", low=-0.95, high=0.95, values=(-0.4, 0.4)), _REST)
+    shape = (choice("side", 5), Parameter("back", "–", low=-_MOST_BACK, high=_LEAST_BACK, values=(-0.4, 0.2)), _REST)
     axes = LINEAR_AXES
     summary = "{axis} axis, friction differs between + and - direction"
 
@@ -190,7 +193,7 @@ class FrictionAsymmetry(Mechanism):
 
     def around(self, name, shape, states):
         if name == "back" and shape["side"] >= 3:
-            return -0.95, 0.95
+            return -_MOST_BACK, _LEAST_BACK
         return shape[name], shape[name]
 
     def free(self, shape):
