@@ -29,7 +29,7 @@ from pido.diagnosis.whiten import Noise
 CONSTANT = ("gravity_load", "sensor_offset")  # a weight and a zero: the same on an axis that stands upright
 _ALL_HELD = 0.95  # share of a Stribeck friction's power at standstill, above which it is what the axis holds there
 HELD = 0.8  # share of a presliding friction's power at standstill, above which holding there is a finding of its own
-_HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_friction"})
+HOLDS_COULOMB = frozenset({"presliding_hysteresis", "position_dependent_friction"})
 VARIES = 0.25  # rms of what changes along the travel, of the mean: below it, friction is steady before it is uneven
 _FEW_RIVALS = 5  # that are tried in the place of several terms
 AS_GOOD = 1 / 0.998  # times an error on unseen folds: as good
@@ -66,7 +66,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     coulomb = any(t.mechanism.id == "coulomb_friction" and not t.gates for t in out)
     for i, term in enumerate(out):
         for p in term.mechanism.shape:
-            if not p.is_choice or (coulomb and term.mechanism.id in _HOLDS_COULOMB):
+            if not p.is_choice or (coulomb and term.mechanism.id in HOLDS_COULOMB):
                 continue
             whole = basis(library, noise, out).bic
             for value in p.values:

@@ -20,8 +20,10 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.answers import where_of
-from pido.diagnosis.confirm import held_out, plain_errors
+from pido.diagnosis.confirm import even, held_out, plain_errors
+from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.finding import Evidence, Finding
+from pido.diagnosis.forms import HOLDS_COULOMB
 from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.misfit import AT_STOPS
 from pido.diagnosis.mismatch import Mismatch
@@ -109,14 +111,12 @@ def opposed(terms: Sequence[Term], effects: Sequence[Float1D]) -> tuple[int, int
     """The two laws that take most of each other back, of several such the two that do so most; None without.
 
     effects : per term (n,), A, on usable rows
-    Two wrong coefficients of one friction curve may do so, and what acts around stops mends each other's form. Neither
-    can two laws without a free number: their difference is no other law.
+    One of them has to bend the other: a drift, or a law in a box. Two laws that act everywhere may well oppose each
+    other.
     """
     most, which = _TAKEN_BACK, None
     for (i, a), (j, b) in itertools.combinations(enumerate(terms), 2):
-        own = [t.mechanism.id for t in (a, b)]
-        wrong = all(t.name.startswith("miscalibrated:") for t in (a, b))
-        if wrong or set(own) <= AT_STOPS or not (a.free or b.free) or not all(map(_is_law, (a, b))):
+        if not (_bends(a) or _bends(b)) or not all(map(_is_law, (a, b))) or _belong_together(a, b):
             continue
         power = float(effects[i] @ effects[i] + effects[j] @ effects[j])
         both = effects[i] + effects[j]
@@ -124,6 +124,19 @@ def opposed(terms: Sequence[Term], effects: Sequence[Float1D]) -> tuple[int, int
         if left < most:
             most, which = left, (i, j)
     return which
+
+
+def _bends(term: Term) -> bool:
+    """Whether it can take back what another law says at some times or places only."""
+    return term.mechanism.id == "thermal_drift" or bool(term.gates)
+
+
+def _belong_together(a: Term, b: Term) -> bool:
+    """Whether two laws oppose each other for a reason: two wrong coefficients of one friction curve, forms that mend
+    each other around stops, and a friction along the travel or of a way, which holds Coulomb's."""
+    own = {a.mechanism.id, b.mechanism.id}
+    wrong = all(t.name.startswith("miscalibrated:") for t in (a, b))
+    return wrong or own <= AT_STOPS or (bool(own & HOLDS_COULOMB) and "coulomb_friction" in own)
 
 
 def _is_law(term: Term) -> bool:
@@ -135,7 +148,9 @@ def is_shared_out(full: Mismatch, terms: Sequence[Term]) -> bool:
     """Whether so many laws are on one axis, and neither is one most of what they do nor are two nearly all of it."""
     if len(terms) < MANY:
         return False
-    none, every, *alone = (e**2 for e in plain_errors(full, (), terms, *([t] for t in terms)))
+    # By itself each may have another shape than beside the others.
+    single = (settle_shapes(full, even(full), [t]) for t in terms)
+    none, every, *alone = (e**2 for e in plain_errors(full, (), terms, *single))
     all_do = none - every
     best = int(np.argmin(alone))
     if none - alone[best] > _MOST * all_do:

@@ -83,6 +83,7 @@ WRONG_STRIBECK = friction("stribeck_friction", "miscalibrated:stribeck_friction"
 STANDSTILL = friction("standstill_friction", rest=0.0)
 STRIBECK = friction("stribeck_friction", v_s=2.0, delta=1.0, rest=1.0)
 VISCOUS = friction("viscous_friction")
+ALONG = replace(friction("position_dependent_friction", form=1.0, L=60.0, p_0=0.0), gates=(Gate("AR", low=2.0),))
 BOX = replace(VISCOUS, gates=(Gate("AR", low=2.0),))
 
 
@@ -94,7 +95,8 @@ BOX = replace(VISCOUS, gates=(Gate("AR", low=2.0),))
         ((DRIFT, COULOMB), -0.7, None),  # they add up
         ((WRONG, WRONG_STRIBECK), 0.7, None),  # a friction curve with two wrong numbers
         ((STANDSTILL, STRIBECK), 0.7, None),  # around stops
-        ((COULOMB, VISCOUS), 0.7, None),  # nothing free: their difference is friction that falls with speed
+        ((COULOMB, VISCOUS), 0.7, None),  # everywhere: their sum is friction that falls with speed
+        ((COULOMB, ALONG), 0.7, None),  # holds Coulomb's
         ((COULOMB, BOX), 0.7, (0, 1)),
     ],
 )
