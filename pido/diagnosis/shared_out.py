@@ -7,7 +7,8 @@ Out: the findings as they are, or one without a name that is the sum of the laws
 Several laws at once are rare, and the textbook's forms, each in a box of its own, can imitate nearly anything. Where
 two laws are really missing, the two that do most do nearly all; where one law is that nobody has named, each of many
 does a little. Of some 900 sealed cases four had four findings on an axis or more; three of these hid one law that is in
-no textbook.
+no textbook. Two laws that oppose each other, one of them a drift or in a box, are the difference of two textbook forms,
+which can imitate a third.
 """
 
 from __future__ import annotations
