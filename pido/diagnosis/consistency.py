@@ -223,12 +223,15 @@ def _unlike_motion(rate: Float1D, v: Float1D, a: Float1D | None, step: Float1D, 
     rate : (n - 1,) – mean speed of each step by the position. Between two samples a speed may come and go, by no more
     than the hardest acceleration makes of it; nor need the two signals be of the same moment.
     """
-    size = 2 * _REACH
-    # The steps that begin or end within reach of a sample; a record begins and ends at rest.
-    steps = np.r_[np.nan_to_num(rate[:1]), np.nan_to_num(rate)]
-    low, high = (each(steps, size, origin=-1) for each in (minimum_filter1d, maximum_filter1d))
+    # Of the steps that begin or end within reach of a sample, as far as each is known.
+    known = np.isfinite(rate) & (step < 1.5 * np.median(step))
+    low = minimum_filter1d(np.r_[0.0, np.where(known, rate, -np.inf)], 2 * _REACH, origin=-1)
+    high = maximum_filter1d(np.r_[0.0, np.where(known, rate, np.inf)], 2 * _REACH, origin=-1)
     told = np.diff(rate, prepend=0.0) / step if a is None else a[1:]
-    hardest = float(np.quantile(np.abs(_few(told[use & np.isfinite(told)])), 0.999))
+    told = told[use & np.isfinite(told)]
+    if len(told) < _FEWEST:
+        return np.zeros(len(v), bool)
+    hardest = float(np.quantile(np.abs(_few(told)), 0.999))
     beyond = np.nan_to_num(np.maximum(v - high, low - v))
     core = beyond > usual + hardest * float(np.median(step))
     core[:_REACH] = core[-_REACH:] = False

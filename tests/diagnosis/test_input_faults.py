@@ -133,7 +133,7 @@ def put(recording: Recording, column: str, rows: slice, values) -> Recording:
     return recording.with_columns(**{column: signal})
 
 
-@pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
+@pytest.mark.parametrize("rate", [20.0, 50.0, 100.0, 500.0])
 @pytest.mark.parametrize("column", ["pos_x", "v_x", "a_x"])
 def test_samples_that_are_missing_are_no_fault_of_their_neighbours(rate, column):
     for seed in range(3):
@@ -205,6 +205,13 @@ def test_a_speed_in_a_slow_record_that_no_step_of_the_position_comes_near_is_wro
     marked = in_rows(true, found["v_z"])
     assert np.mean(marked[wrong]) > 0.8
     assert np.sum(marked & ~wrong) < 0.1 * wrong.sum()
+
+
+def test_a_slow_record_without_positions_for_a_while_or_an_acceleration_contradicts_nothing():
+    true = axis_in_motion(20.0)
+    gone = np.where((true.time > 10) & (true.time < 20), np.nan, true["pos_x"])
+    assert input_faults(true.with_columns(pos_x=gone)) == {}
+    assert input_faults(true.with_columns(a_x=np.full(len(true), np.nan))) == {}
 
 
 def test_a_position_that_stands_beside_a_wrong_speed_is_not_frozen():
