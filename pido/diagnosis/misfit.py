@@ -150,12 +150,12 @@ def _differs_by_part(
     mismatch: Mismatch, terms: Sequence[Term], effects: Sequence[Float1D], residual: Float1D
 ) -> int | None:
     """The law whose size differs most from part to part, where that is more than _UNEVEN of its mean size and more than
-    blocks scatter; None where each is the same everywhere, as far as parts can tell.
+    blocks scatter; None where each is the same everywhere, as far as parts can tell, or has no other to mend.
 
     Source: variance between studies (DerSimonian and Laird 1986), with the variance of each from its blocks.
     """
     most, which = _UNEVEN, None
-    for i, (term, effect) in enumerate(zip(terms, effects, strict=True)):
+    for i, (term, effect) in enumerate(zip(terms, effects, strict=True) if len(terms) > 1 else ()):
         if term.name in _TIED_TO_TIME or term.mechanism.id == "tool_wear":
             continue
         x, left = effect * mismatch.usable, (residual + effect) * mismatch.usable

@@ -157,7 +157,10 @@ def test_a_corner_that_hardly_any_row_reaches_has_an_interval_that_can_be_read()
     ("sizes", "rejected"),
     [((1, 1, 1, 1, 1, 1), False), ((0.7, 1.3, 0.8, 1.1, 0.9, 1.2), False), ((-0.2, 0.4, 0.7, 1.5, 2.4, 3.0), True)],
 )
-def test_a_law_has_the_same_size_in_every_part_or_its_form_is_another(sizes, rejected):
-    library, noise = planted(lambda s: sizes[int(s.part[1:])] * s.v, count=6)
-    _, reason = useless(library, noise, [Term(VISCOUS)])
+def test_a_law_beside_another_has_the_same_size_in_every_part_or_mends_its_form(sizes, rejected):
+    library, noise = planted(lambda s: 2 * s.v + 0.1 * sizes[int(s.part[1:])] * s.a, count=6)
+    steady, other = Term(VISCOUS), Term(Formula((("a_x", "u"),), "(mm/s²)"), name="inertia")
+    _, reason = useless(library, noise, [steady, other])
     assert (reason is not None and "in every part" in reason) == rejected
+    _, reason = useless(library, noise, [other])
+    assert reason is None or "in every part" not in reason
