@@ -110,7 +110,7 @@ def _position_and_speed(
     gap = np.where(np.isfinite(gap) & steady, gap, 0.0)
     if turn is not None and _deviation(gap[use]) > turn / 20:
         return  # the angle turns too far between two samples to say anything
-    rate = gap / step
+    rate, speed = gap / step, moved / step
     held = [_long_runs(time, s) for s in (pos, v)]
     repeats = np.logical_or(*(_rows(h, len(time)) for h in held))
     # A stretch that repeats itself and contradicts the other signal says nothing about what is usual.
@@ -120,7 +120,7 @@ def _position_and_speed(
     grain = _grain(pos)
     rounding = _ROUNDED * _rounded_to(pos) / float(np.median(step))
     # Both signals have to speed up or slow down: a spike in one of them is no hard motion.
-    change = np.minimum(np.abs(np.diff(v) / step), _around(np.abs(np.diff(moved / step, prepend=0.0) / step)))
+    change = np.minimum(np.abs(np.diff(v) / step), _around(np.abs(np.diff(speed, prepend=0.0) / step)))
     hard = use & (change > _SHORT * float(np.quantile(_few(change[use]), 0.999)))
     usual = max(usual, _in_motion(rate, use & (moved != 0)), _while_hard(rate, hard), rounding)
     lost_elsewhere = _lost_elsewhere(gap, use)
@@ -142,7 +142,7 @@ def _position_and_speed(
         getattr(out, name)[FROZEN] = frozen
     frozen = out.pos[FROZEN] | out.v[FROZEN]
     # Spread of each signal around a step; a step between the samples i and i + 1 belongs to i + 1.
-    rough_pos, rough_v = _spread(moved / step), _spread(v)[1:]
+    rough_pos, rough_v = _spread(speed), _spread(v)[1:]
     # A sample that was taken a step late, or left out, moves the position by what the speed says.
     late = np.where(rough_pos > rough_v, _LATE * np.abs(expected / step), 0.0)
     # Under an acceleration a, the mean speed of a step may be a * dt / 4 beside that of its ends.
@@ -156,8 +156,8 @@ def _position_and_speed(
     jumps: list[tuple[int, int, float]] = []
     apart = max(2, int(_ONE_FAULT_S / float(np.median(step))))
     for i, j in runs(_closed(bad, apart)):
-        if a is not None and _has_neighbours(i, j, bad) and _like_position(moved / step, v, a, step, i, j):
-            spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _middle(moved / step)[i : j + 2]) > 0.5 * usual
+        if a is not None and _has_neighbours(i, j, bad) and _like_position(speed, v, a, step, i, j):
+            spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _middle(speed)[i : j + 2]) > 0.5 * usual
         elif np.max(rough_pos[i : j + 1]) >= np.max(rough_v[i : j + 1]):
             for way in (bad & (gap > 0), bad & (gap < 0)):
                 jumps += [
@@ -166,7 +166,7 @@ def _position_and_speed(
         elif np.median(step) <= _COARSE_S and _has_neighbours(i, j, bad):
             spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _calm(v, i, j + 1)) > 0.5 * usual
     if np.median(step) > _COARSE_S:
-        spike_v |= _unlike_motion(moved / step, v, a, step, use, usual)
+        spike_v |= _unlike_motion(speed, v, a, step, use, usual)
     jumps.sort()
     spike = np.zeros(len(time), bool)
     k = 0

@@ -374,6 +374,11 @@ def _teeth_in_cut(
         width = np.where(depth > 0, ar / np.where(depth > 0, depth, 1.0), np.nan if width is None else width)
     if width is None or teeth is None or radius is None:
         return None
+    return _teeth_over(width, teeth, radius)
+
+
+def _teeth_over(width: Float1D, teeth: Float1D, radius: Float1D) -> Float1D:
+    """(n,) – mean number of teeth in the material over a radial depth of cut."""
     return teeth * np.arccos(1.0 - np.clip(width / radius, 0.0, 2.0)) / (2.0 * np.pi)
 
 
@@ -392,8 +397,7 @@ def _edge_in_cut(
     if ar is None or depth is None or width is None or teeth is None or radius is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        in_cut = teeth * np.arccos(1.0 - np.clip(width / radius, 0.0, 2.0)) / (2.0 * np.pi)
-        edge = np.where(_plunges(moved), teeth / (np.pi * radius), in_cut / width) * ar
+        edge = np.where(_plunges(moved), teeth / (np.pi * radius), _teeth_over(width, teeth, radius) / width) * ar
     return np.where(ar > 0, np.nan_to_num(edge, nan=0.0, posinf=0.0), 0.0)
 
 
