@@ -130,10 +130,18 @@ def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: In
 def words(term: Term, states: Sequence[AxisState]) -> tuple[str, tuple[str, ...]]:
     """The operator's words of the mechanism, confined to the term's region."""
     summary, conditions = term.mechanism.conditions(states[0].axis, dict(term.shape))
-    extra = tuple(g.condition for g in term.gates)
-    if extra:
-        summary = f"{summary}, only where {' and '.join(extra)}"
-    return summary, (*conditions, *extra)
+    if term.gates:
+        summary = f"{summary}, only where {' and '.join(g.words for g in term.gates)}"
+    return in_words(summary), (*conditions, *(g.condition for g in term.gates))
+
+
+def in_words(summary: str) -> str:
+    """What an operator reads: axis sp is the spindle.
+
+    >>> in_words("while the sp axis speeds up")
+    'while the spindle speeds up'
+    """
+    return summary.replace("sp axis", "spindle")
 
 
 def alternatives_of(term: Term, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.answers import where_of
+from pido.diagnosis.answers import in_words, where_of
 from pido.diagnosis.confirm import even, held_out, plain_errors
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.finding import Evidence, Finding
@@ -97,7 +97,9 @@ def _sum_of(
         kind="unexplained",
         equation=f"dI_{axis} = sum of {len(laws)} laws, none of which is most of it: " + "; ".join(laws),
         parameters={f"{n}_{k}": e for k, f in enumerate(some, start=1) for n, e in f.parameters.items()},
-        where=replace(where, summary=f"{axis} axis, over the intervals below; no single condition says where"),
+        where=replace(
+            where, summary=in_words(f"{axis} axis, over the intervals below; no single condition says where")
+        ),
         evidence=Evidence(
             min(f.evidence.p_value for f in some),
             min(f.evidence.q_value for f in some),

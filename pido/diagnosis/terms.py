@@ -31,12 +31,21 @@ class Gate:
     @property
     def condition(self) -> str:
         """In the form of the contract, e.g. 'v_x > 4'."""
+        return " and ".join(self._sides())
+
+    @property
+    def words(self) -> str:
+        """With its unit, e.g. 'v_x > 4 mm/s'."""
+        unit = "mm²" if self.variable == "AR" else "mm/s"
+        return " and ".join(f"{side} {unit}" for side in self._sides())
+
+    def _sides(self) -> list[str]:
         sides = []
         if np.isfinite(self.low):
             sides.append(f"{self.variable} > {self.low:.3g}")
         if np.isfinite(self.high):
             sides.append(f"{self.variable} < {self.high:.3g}")
-        return " and ".join(sides)
+        return sides
 
 
 @dataclass(frozen=True)
