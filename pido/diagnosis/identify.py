@@ -46,6 +46,7 @@ LEAST_GAIN = 12.0  # BIC that a term must bring to be taken
 CONFINED = 0.1  # of what the best mechanism gains that acts everywhere, by which one confined to a box must beat it
 MORE_REMOVED = 0.1  # of what the terms remove on unseen folds, that others must remove beyond it to replace them
 _IN_A_BOX = 4.0  # blocks: what is there in fewer of them may be one event, which a box was drawn around
+_NEARLY_ALL = 0.8  # of what all terms take away together: what takes so much does not mend the form of the others
 _OWN = 0.5  # of the level of an interval that the state does not predict: it is a force by itself
 
 
@@ -323,9 +324,11 @@ def confirm(
         # twice. Each shape that was tried is a question of its own.
         both = [whitened(mismatch, n, terms) for n in (noise, even(mismatch))]
         # Blocks that differ tell what only mends the form of others, or was made up from what they leave.
-        alone = len(terms) == 1 and (bool(terms[0].gates) or terms[0].name != "unknown")
-        least = _IN_A_BOX if terms[0].gates else 0.0
-        p = [2 * min(p_value(model, i, mismatch.block, alone, least) for model in both) for i in range(len(terms))]
+        most = _most_of_all(library, noise, terms)
+        p = [
+            2 * min(p_value(m, i, mismatch.block, i == most, _IN_A_BOX if t.gates else 0.0) for m in both)
+            for i, t in enumerate(terms)
+        ]
         tried = [min(1.0, v * _claims(library, t)) for v, t in zip(p, terms, strict=True)]
         q = q_values(tried, questions)
         worst = int(np.argmax(q))
@@ -338,6 +341,16 @@ def confirm(
         answer.rejected.append(Rejected(mismatch.axis, terms[worst].name, reason))
         terms = terms[:worst] + terms[worst + 1 :]
     return terms
+
+
+def _most_of_all(library: Library, noise: Noise, terms: Sequence[Term]) -> int | None:
+    """Which term takes away nearly all that the terms do together, if that is a law of the catalogue or in a box."""
+    nothing, whole = basis(library, noise, []).rss, basis(library, noise, terms).rss
+    for i, term in enumerate(terms):
+        rest = basis(library, noise, [*terms[:i], *terms[i + 1 :]]).rss
+        if (term.gates or term.name != "unknown") and rest - whole >= _NEARLY_ALL * (nothing - whole):
+            return i
+    return None
 
 
 def _claims(library: Library, term: Term) -> float:

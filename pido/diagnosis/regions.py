@@ -55,9 +55,11 @@ def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -
     best = _best_on(space, space.coarse, library, current, taken)
     if best is None:
         return None
-    # Once its limits are known, other laws can be asked within the same.
+    # Once its limits are known, to the row, other laws can be asked within the same: one that falls with speed looks
+    # weak in a box that begins a little too low.
+    best = _to_the_row(library, current, best, space)
     again = _best_on(space, _grid_of(space, best.term), library, current, taken)
-    return _to_the_row(library, current, min((s for s in (best, again) if s is not None), key=_price), space)
+    return best if again is None else min(best, _to_the_row(library, current, again, space), key=_price)
 
 
 def within_same_limits(library: Library, current: Basis, term: Term, taken: Collection[str]) -> list[Score]:

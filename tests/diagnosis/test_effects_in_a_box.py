@@ -199,3 +199,26 @@ def test_a_box_is_no_narrower_than_the_least_step_between_levels():
     limits = [v for g in (found.term.gates if found else ()) if g.variable == "v_x" for v in (g.low, g.high)]
     ends = [v for v in limits if np.isfinite(v)]
     assert len(ends) < 2 or np.ptp(ends) > 0.01 * np.ptp(np.concatenate([s.v for s in states]))
+
+
+def at_any_feed(seed, rate):
+    """The same machine, whose x axis is at another speed every half a second."""
+    for k, recording in enumerate(recordings(seed, rate)):
+        n = len(recording)
+        v = np.repeat(np.random.default_rng([seed, k, 1]).uniform(-15, 15, n), rate // 2)[:n]
+        v = np.convolve(v, np.ones(5) / 5, "same")
+        yield recording.with_columns(v_x=v, pos_x=np.cumsum(v) / rate, a_x=np.gradient(v, recording.time))
+
+
+def test_friction_that_falls_with_speed_in_a_box_is_no_constant_between_two_limits():
+    """A law that is largest at the lower limit of its box is asked again once that limit is known to the row."""
+    rng = np.random.default_rng(2)
+    states = axis_states(list(at_any_feed(2, 50)), "x")
+    falling = [0.3 * np.exp(-((np.abs(s.v) / 5) ** 1.2)) * (s.v > 2.8) * (other(s) > -4.0) for s in states]
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in falling])
+    library = Library(mismatch, first_look(mismatch, rng).offered)
+    library.whiten(even(mismatch))
+    found = best_region(library, basis(library, even(mismatch), []))
+    assert found is not None
+    assert found.term.mechanism.id == "stribeck_friction"
+    assert {g.variable for g in found.term.gates if np.isfinite(g.high)} == set()
