@@ -31,6 +31,7 @@ _SLOW_TIMES_S = (30.0, 100.0, 300.0)
 _HEAT_S = (1.0, 3.0, 10.0, *_SLOW_TIMES_S)
 _LONGEST_S = 30.0  # what comes later still is drift
 _BEST_TIMES = 2  # of every law, by the averages
+_ELSE_ZERO = {"": "", "moving": ", 0 at standstill", "cutting": ", 0 in the air"}
 _MODULATED = 40  # of these, the best by the averages
 
 Values = Mapping[str, Float1D]
@@ -113,13 +114,13 @@ class Lagged(Late):
 class Fading(Late):
     """What a change of a quantity leaves and time takes back: dI = k * p(u) * tau s / (1 + tau s).
 
-    in_motion : a drag, which is not there while the axis stands
+    only : 'moving': a drag, which is not there while the axis stands; 'cutting': a filter that is switched on for a cut
     """
 
     signal: str
     form: str
     unit: str
-    in_motion: bool = False
+    only: str = ""
 
     longest: ClassVar[float] = _LONGEST_S
 
@@ -130,7 +131,7 @@ class Fading(Late):
     @property
     def equation(self) -> str:  # type: ignore[override]
         u = written(self.signal, self.form)
-        return f"dI = k * {u} * tau s / (1 + tau s)" + ", 0 at standstill" * self.in_motion
+        return f"dI = k * {u} * tau s / (1 + tau s)" + _ELSE_ZERO[self.only]
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -138,7 +139,7 @@ class Fading(Late):
 
     def over(self, known: Values, late: Float1D) -> Float2D:
         left = FORMS[self.form](known[self.signal]) - late
-        return (left * known["moving"] if self.in_motion else left)[:, None]
+        return (left * known[self.only] if self.only else left)[:, None]
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         return f"after changes of {self.signal}, fading within some {shape['tau']:.3g} s", ()
@@ -240,7 +241,9 @@ def _laws(mismatch: Mismatch, known: Known) -> Iterator[Late]:
             yield Lagged(name, form, unit, by_cut=True)
         yield Fading(name, form, unit)
         if name == f"v_{axis}":
-            yield Fading(name, form, unit, in_motion=True)
+            yield Fading(name, form, unit, only="moving")
+        if cuts and (name, form) == (f"I_{axis}", "u"):
+            yield Fading(name, form, unit, only="cutting")
 
 
 def _modulated(axis: str, known: Known) -> Iterator[Modulated]:

@@ -235,8 +235,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut, level=level):
             own |= {"lags": signal, "form": form, "unit": unit, "by_cut": by_cut, "level": level}
-        case Fading(signal=signal, form=form, unit=unit, in_motion=in_motion):
-            own |= {"fades": signal, "form": form, "unit": unit, "in_motion": in_motion}
+        case Fading(signal=signal, form=form, unit=unit, only=only):
+            own |= {"fades": signal, "form": form, "unit": unit, "only": only}
         case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside, level=level):
             own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit}
             own |= {"beside": beside, "level": level}
@@ -308,7 +308,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         level = bool(own.get("level"))  # models of before do not have
         return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]), level)
     if "fades" in own:
-        return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), bool(own["in_motion"]))
+        only = own.get("only", "moving" if own.get("in_motion") else "")  # models of before say whether in motion alone
+        return Fading(str(own["fades"]), str(own["form"]), str(own["unit"]), str(only))
     if "modulates" in own:
         said = (str(own[n]) for n in ("modulates", "form", "cause", "loss", "unit", "beside"))
         return Modulated(*said, level=str(own.get("level", "")))

@@ -324,7 +324,7 @@ def is_known(library: Library, noise: Noise, score: Score) -> bool:
 def _is_late_inertia(axis: str, term: Term) -> bool:
     """Whether it is k * v * tau s / (1 + tau s) = k * tau * a behind a lag as short as that of a drive's loop."""
     law = term.mechanism
-    own = isinstance(law, Fading) and (law.signal, law.form, law.in_motion) == (f"v_{axis}", "u", False)
+    own = isinstance(law, Fading) and (law.signal, law.form, law.only) == (f"v_{axis}", "u", "")
     return own and dict(term.shape)["tau"] < LONGEST_LAG_S
 
 

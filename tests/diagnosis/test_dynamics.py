@@ -49,18 +49,37 @@ def test_a_current_that_follows_a_speed_late():
     assert dict(term.shape)["tau"] == pytest.approx(0.8, rel=0.15)
 
 
-@pytest.mark.parametrize("in_motion", [False, True])
-def test_what_a_change_of_speed_leaves_and_time_takes_back_is_one_law(in_motion):
+@pytest.mark.parametrize("only", ["", "moving"])
+def test_what_a_change_of_speed_leaves_and_time_takes_back_is_one_law(only):
     tau = 1.5
 
     def left(state):
         behind = signal.lsim(([1], [tau, 1]), state.v, state.time)[1]
-        return (state.v - behind) * (state.moving if in_motion else 1.0)
+        return (state.v - behind) * (state.moving if only else 1.0)
 
     term = found_in(left, stops=True)
     assert isinstance(term.mechanism, Fading)
-    assert (term.mechanism.signal, term.mechanism.in_motion) == ("v_x", in_motion)
+    assert (term.mechanism.signal, term.mechanism.only) == ("v_x", only)
     assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.1)
+
+
+def test_a_filter_that_is_switched_on_for_a_cut_is_one_law_of_the_simulated_current():
+    tau = 0.25
+
+    def cuts(k, recording):
+        hard = np.convolve(recording["v_y"] * np.sin(0.4 * recording.time), np.ones(20) / 20, "same")
+        return recording.with_columns(
+            curr_x_sim=0.4 * np.sign(recording["v_x"]) + 0.1 * hard, mrr_sim=10.0 * (recording.time % 8.0 < 5.0)
+        )
+
+    def lost(state):
+        behind = signal.lsim(([1], [tau, 1]), state.sim, state.time)[1]
+        return (behind - state.sim) * state.engaged
+
+    term = found_in(lost, strength=4.0, change=cuts)
+    assert isinstance(term.mechanism, Fading)
+    assert (term.mechanism.signal, term.mechanism.only) == ("I_x", "cutting")
+    assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.2)
 
 
 def test_frequency_and_damping_have_intervals_that_hold_the_truth():
@@ -104,7 +123,7 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
     [
         Term(Ringing("a_x", "mm/s²"), (("f", 6.0), ("zeta", 0.05))),
         Term(Lagged("v_x", "|u|", "mm/s", by_cut=True), (("tau", 0.8),)),
-        Term(Fading("v_x", "u", "mm/s", in_motion=True), (("tau", 0.8),)),
+        Term(Fading("v_x", "u", "mm/s", only="moving"), (("tau", 0.8),)),
         Term(Modulated("v_x", "|u|", "v_y", "u", "(mm/s)·(mm/s)", beside="(mm/s)"), (("tau", 0.8),)),
         Term(Modulated("v_x", "u", "v_x", "u²", "(mm/s)·(mm/s)^2", level="(mm/s)"), (("tau", 0.8),)),
         Term(Wave("v_x", "mm/s", "", "–"), (("L", 3.0),)),
