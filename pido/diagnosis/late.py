@@ -25,7 +25,7 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 from pido.physics.drive import answered_late
 
-_SHORTEST_S = 1e-3  # of what acts late: what is sooner acts at once
+SHORTEST_S = 1e-3  # of what acts late: what is sooner acts at once
 _TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
 _SLOW_TIMES_S = (30.0, 100.0, 300.0)
 _HEAT_S = (1.0, 3.0, 10.0, *_SLOW_TIMES_S)
@@ -68,7 +68,7 @@ class Late(Unnamed):
 
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in powers of e."""
-        return {"tau": float(np.clip(shape["tau"] * np.exp(np.clip(by[0], -3, 3)), _SHORTEST_S, self.longest))}
+        return {"tau": float(np.clip(shape["tau"] * np.exp(np.clip(by[0], -3, 3)), SHORTEST_S, self.longest))}
 
 
 @dataclass(frozen=True)

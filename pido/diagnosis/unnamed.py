@@ -36,7 +36,7 @@ from pido.diagnosis.formulas import (
     surfaces,
 )
 from pido.diagnosis.identify import numbers
-from pido.diagnosis.late import Fading, Late, late_terms
+from pido.diagnosis.late import SHORTEST_S, Fading, Late, Modulated, late_terms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
@@ -309,7 +309,7 @@ def is_known(library: Library, noise: Noise, score: Score) -> bool:
     """Whether a model without a name is a mechanism of the catalogue in other words."""
     if _is_late_inertia(library.mismatch.axis, score.term):
         return True
-    effect = score.amplitudes @ score.term.columns(library.mismatch.states)
+    effect = score.amplitudes @ _at_once(score.term).columns(library.mismatch.states)
     row = noise.whiten(effect[None]).astype(np.float32)[0]
     length = float(np.sqrt(row @ row))
     if length == 0:
@@ -326,6 +326,14 @@ def _is_late_inertia(axis: str, term: Term) -> bool:
     law = term.mechanism
     own = isinstance(law, Fading) and (law.signal, law.form, law.only) == (f"v_{axis}", "u", "")
     return own and dict(term.shape)["tau"] < LONGEST_LAG_S
+
+
+def _at_once(term: Term) -> Term:
+    """The term; where it follows what a cause was within the lag of a drive's loop, as it would without that lag: heat
+    takes longer, and a loop makes any law late."""
+    if not isinstance(term.mechanism, Modulated) or dict(term.shape)["tau"] >= LONGEST_LAG_S:
+        return term
+    return term.with_shape(tau=SHORTEST_S)
 
 
 def _at_an_edge(term: Term, beside: Sequence[Term]) -> bool:

@@ -109,6 +109,24 @@ def test_what_fades_as_soon_as_a_loop_answers_is_inertia_in_other_words(tau, oth
     assert is_known(library, noise, library.score(fading, basis(library, noise, []))) is other_words
 
 
+@pytest.mark.parametrize(("tau", "other_words"), [(0.05, True), (3.0, False)])
+def test_a_torque_constant_that_follows_a_current_as_soon_as_a_loop_answers_is_saturation(tau, other_words):
+    """Heat takes longer: a cube of the current that comes a little late is no warm motor."""
+
+    def loaded(k, recording):
+        return recording.with_columns(curr_x_sim=0.4 * np.sign(recording["v_x"]) + 0.05 * recording["a_y"])
+
+    def bent(state):
+        return state.sim * signal.lsim(([1], [tau, 1]), state.sim**2, state.time)[1]
+
+    library, noise = planted(bent, change=loaded)
+    saturation = next(m for m in CATALOGUE if m.id == "current_saturation")
+    library = Library(library.mismatch, [Term(saturation, (("I_k", 1.0), ("form", 2.0)))])
+    library.whiten(noise)
+    late = Term(Modulated("I_x", "u", "I_x", "u²", "A·A²"), (("tau", tau),))
+    assert is_known(library, noise, library.score(late, basis(library, noise, []))) is other_words
+
+
 def test_what_lags_may_have_another_size_while_the_tool_cuts():
     (state,) = axis_states([part(0)], "x")
     cutting = replace(state, engaged=state.time > 15.0)
