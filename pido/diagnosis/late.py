@@ -254,8 +254,8 @@ def _modulated(axis: str, known: Known) -> Iterator[Modulated]:
         both = unit_of([of_own, of_cause])
         yield Modulated(name, form, cause, loss, both)
         yield Modulated(name, form, cause, loss, both, beside=unit_of([of_cause]))
-        # A friction, which heat changes: heat knows no sign.
-        if name == f"v_{axis}" and form != "|u|" and (loss != "u" or known[cause][0].min() >= 0):
+        # A friction or a torque constant, which heat changes: heat knows no sign.
+        if form != "|u|" and (loss != "u" or known[cause][0].min() >= 0):
             yield Modulated(name, form, cause, loss, both, level=unit_of([of_own]))
 
 

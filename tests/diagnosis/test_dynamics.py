@@ -127,6 +127,21 @@ def test_a_torque_constant_that_follows_a_current_as_soon_as_a_loop_answers_is_s
     assert is_known(library, noise, library.score(late, basis(library, noise, []))) is other_words
 
 
+def test_a_torque_constant_that_was_taken_at_a_level_of_heat_is_one_law_and_no_gain_beside_it():
+    def loaded(k, recording):
+        hard = np.convolve(recording["v_y"], np.ones(400) / 400, "same") ** 2
+        return recording.with_columns(curr_x_sim=0.4 * np.sign(recording["v_x"]) * (1 + 0.3 * hard))
+
+    def weaker(state):
+        heat = signal.lsim(([1], [6.0, 1]), state.sim**2, state.time)[1]
+        return state.sim * (heat - 0.3)
+
+    term = found_in(weaker, strength=6.0, change=loaded, rows=6000)
+    assert isinstance(term.mechanism, Modulated)
+    assert (term.mechanism.signal, term.mechanism.cause, term.mechanism.loss) == ("I_x", "I_x", "u²")
+    assert term.mechanism.level
+
+
 def test_what_lags_may_have_another_size_while_the_tool_cuts():
     (state,) = axis_states([part(0)], "x")
     cutting = replace(state, engaged=state.time > 15.0)
