@@ -344,13 +344,13 @@ def confirm(
 
 
 def _most_of_all(library: Library, noise: Noise, terms: Sequence[Term]) -> int | None:
-    """Which term takes away nearly all that the terms do together, if that is a law of the catalogue or in a box."""
+    """Which term takes away nearly all that the terms do together, if that is a law of the catalogue or in a box; None
+    where two of them do, which then take each other back."""
     nothing, whole = basis(library, noise, []).rss, basis(library, noise, terms).rss
-    for i, term in enumerate(terms):
-        rest = basis(library, noise, [*terms[:i], *terms[i + 1 :]]).rss
-        if (term.gates or term.name != "unknown") and rest - whole >= _NEARLY_ALL * (nothing - whole):
-            return i
-    return None
+    rest = [basis(library, noise, [*terms[:i], *terms[i + 1 :]]).rss for i in range(len(terms))]
+    most = [i for i, left in enumerate(rest) if left - whole >= _NEARLY_ALL * (nothing - whole)]
+    named = len(most) == 1 and (bool(terms[most[0]].gates) or terms[most[0]].name != "unknown")
+    return most[0] if named else None
 
 
 def _claims(library: Library, term: Term) -> float:

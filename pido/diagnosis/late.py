@@ -142,7 +142,8 @@ class Fading(Late):
         return (left * known[self.only] if self.only else left)[:, None]
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-        return f"after changes of {self.signal}, fading within some {shape['tau']:.3g} s", ()
+        when = " while cutting" if self.only == "cutting" else ""
+        return f"after changes of {self.signal}{when}, fading within some {shape['tau']:.3g} s", ()
 
 
 @dataclass(frozen=True)
