@@ -211,7 +211,7 @@ def at_any_feed(seed, rate):
 
 
 def test_friction_that_falls_with_speed_in_a_box_is_no_constant_between_two_limits():
-    """A law that is largest at the lower limit of its box is asked again once that limit is known to the row."""
+    """A law that is largest at the lower limit of its box keeps that limit, and needs no upper one."""
     rng = np.random.default_rng(2)
     states = axis_states(list(at_any_feed(2, 50)), "x")
     falling = [0.3 * np.exp(-((np.abs(s.v) / 5) ** 1.2)) * (s.v > 2.8) * (other(s) > -4.0) for s in states]
