@@ -39,10 +39,10 @@ from pido.diagnosis.misfit import acting
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
-from pido.diagnosis.search import Look, best_gain, first_look, search, without
+from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
 from pido.diagnosis.state import AxisState, axis_states, dead_bands
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unnamed import clearly_less
 from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd

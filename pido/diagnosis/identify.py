@@ -38,7 +38,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.select import MOST_TERMS, best_addition, drop_useless, grid_terms, suggested, swap
 from pido.diagnosis.signals import CLOCKS
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
@@ -339,7 +339,7 @@ def confirm(
             answer.p_values, answer.q_values = tried, q
             break
         answer.rejected.append(Rejected(mismatch.axis, terms[worst].name, reason))
-        terms = terms[:worst] + terms[worst + 1 :]
+        terms = without(terms, worst)
     return terms
 
 
@@ -347,7 +347,7 @@ def _most_of_all(library: Library, noise: Noise, terms: Sequence[Term]) -> int |
     """Which term takes away nearly all that the terms do together, if that is a law of the catalogue or in a box; None
     where two of them do, which then take each other back."""
     nothing, whole = basis(library, noise, []).rss, basis(library, noise, terms).rss
-    rest = [basis(library, noise, [*terms[:i], *terms[i + 1 :]]).rss for i in range(len(terms))]
+    rest = [basis(library, noise, without(terms, i)).rss for i in range(len(terms))]
     most = [i for i, left in enumerate(rest) if left - whole >= _NEARLY_ALL * (nothing - whole)]
     named = len(most) == 1 and (bool(terms[most[0]].gates) or terms[most[0]].name != "unknown")
     return most[0] if named else None

@@ -43,7 +43,7 @@ from pido.diagnosis.library import Library, basis, plausible
 from pido.diagnosis.loop import lag_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Term, fit, solve
+from pido.diagnosis.terms import Term, fit, solve, without
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.whiten import Averaged, Noise
 
@@ -291,11 +291,6 @@ def _taken(answer: Answer, trial: Answer, kept: list[Term]) -> list[Term]:
 def _as_good(mismatch: Mismatch, fewer: Sequence[Term], terms: Sequence[Term]) -> bool:
     """Whether no more terms leave an error on unseen folds that is hardly larger."""
     return 0 < len(fewer) <= len(terms) and no_more_error(mismatch, fewer, terms, AS_GOOD)
-
-
-def without(terms: Sequence[Term], i: int) -> list[Term]:
-    """`terms` but the one in place i."""
-    return [t for k, t in enumerate(terms) if k != i]
 
 
 def _not_timing(terms: Sequence[Term]) -> list[Term]:

@@ -123,6 +123,11 @@ class Fit:
         return len(self.terms)
 
 
+def without(terms: Sequence[Term], i: int) -> list[Term]:
+    """`terms` but the one in place i."""
+    return [t for k, t in enumerate(terms) if k != i]
+
+
 def behind(columns: Float2D, states: Sequence[AxisState], lag: float) -> Float2D:
     """(k, n) – columns of what answers at once, behind a lag in s; parts one after another."""
     edges = np.cumsum([len(s.time) for s in states])[:-1]
