@@ -20,9 +20,10 @@ from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Int1D
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Gate, gate_variable
+from pido.diagnosis.terms import PATH_SPEED, Gate, gate_variable
 
 VARIABLES = ("v_x", "v_y", "AR")
+EITHER_WAY = ("|v_x|", "|v_y|", PATH_SPEED)  # speeds without their sign, which come in the place of others
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
 _FINE = 16  # limits of a variable on the grid on which a single term is asked
 _NEAR_A_LIMIT = 24  # values between which a limit is moved at last
@@ -145,6 +146,10 @@ class Grid:
         """(boxes,) – how many limits each box has."""
         return np.concatenate([each.limits for each in self.lattices])
 
+    def cut_by(self, variable: str) -> Bool1D:
+        """(boxes,) – whether the lattice of a box has limits of `variable`."""
+        return np.concatenate([np.full(len(e.limits), len(e.cuts.get(variable, ())) > 0) for e in self.lattices])
+
     def sums(self, values: Float32) -> Float32:
         """(k, n) -> (k, boxes): sums over the rows of each box."""
         groups = np.add.reduceat(values[:, self.order], self.first, axis=1)
@@ -245,13 +250,18 @@ class Space:
 
 def space_of(mismatch: Mismatch) -> Space | None:
     """The space of v_x, v_y and AR, as far as a recording has them and they vary; None where none does."""
-    variables = {v: values for v in VARIABLES if (values := _values(mismatch, v)) is not None}
+    variables = {v: values for v in (*VARIABLES, *EITHER_WAY) if (values := _values(mismatch, v)) is not None}
     if not variables:
         return None
     places = places_in(variables, mismatch.usable)
-    alone = [{name: at.limits} for name, at in places.items() if len(at.limits)]
-    grids = (grid_at(variables, cuts(places), *alone) for cuts in (cuts_of, fine_cuts_of))
-    return Space(variables, places, *grids)
+    together = {name: at for name, at in places.items() if name in VARIABLES}
+    alone = [{name: at.limits} for name, at in together.items() if len(at.limits)]
+    path = {name: at for name, at in places.items() if name == PATH_SPEED and len(at.limits)}
+    coarse, fine = (
+        grid_at(variables, *(cuts(each) for each in (together, path) if each), *alone)
+        for cuts in (cuts_of, fine_cuts_of)
+    )
+    return Space(variables, places, coarse, fine)
 
 
 def _values(mismatch: Mismatch, variable: str) -> Float1D | None:

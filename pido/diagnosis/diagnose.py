@@ -26,7 +26,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.comparable import comparable_axes, in_order
-from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, plain_error, rms_held_out
+from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
@@ -52,6 +52,7 @@ _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a proc
 Result = TypeVar("Result")
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
+_CLEARLY_LESS_THERE = 0.9  # of the error where a finding acts, that may be left where it acts too seldom to tell in all
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
 
@@ -364,11 +365,14 @@ def proved(
     while True:
         proofs = [held_out(full, noise, kept, without(kept, i), recorded) for i in range(len(kept))]
         amplitudes = fit(full, noise, kept).amplitudes
-        shares = [
-            float(np.mean(acting(full, a @ t.columns(full.states)))) for t, a in zip(kept, amplitudes, strict=True)
+        acts = [acting(full, a @ t.columns(full.states)) for t, a in zip(kept, amplitudes, strict=True)]
+        least = [min(_LESS_ERROR, 1 - _LESS_WHERE * float(np.mean(rows))) for rows in acts]
+        idle = [
+            i
+            for i, p in enumerate(proofs)
+            if not p.rmse_after < least[i] * p.rmse_before
+            and less_error_there(full, noise, kept, without(kept, i), acts[i]) > _CLEARLY_LESS_THERE
         ]
-        least = [min(_LESS_ERROR, 1 - _LESS_WHERE * share) for share in shares]
-        idle = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         reason = "the error on unseen parts is hardly smaller with it"
         if not idle:
             idle = _rests(full, kept)

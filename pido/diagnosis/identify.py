@@ -259,11 +259,10 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     taken = {t.name for t in terms}
     residual = fit(library.mismatch, noise, terms).residual
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
-    confined = best_region(library, current, taken)
     everywhere = 0.0 if best is None else max(0.0, current.bic - best.bic)
-    if confined is not None and (best is None or confined.bic < best.bic - CLEARLY - CONFINED * everywhere):
-        best = confined
-    return best
+    asked = max(LEAST_GAIN, CLEARLY + (1 + CONFINED) * everywhere)
+    confined = best_region(library, current, taken, asked)
+    return confined if confined is not None and current.bic - confined.bic > asked else best
 
 
 def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Score]:

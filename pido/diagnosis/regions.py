@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.boxes import (
+    EITHER_WAY,
     Float32,
     Grid,
     Places,
@@ -42,24 +43,28 @@ _ROUNDS = 4
 _SHARES = (1.0, 0.1, 0.01)  # of the values between two places, among which a limit is moved at last
 _NEAR = 6  # places, on either side of a limit, that are tried with those spread over all
 _REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where, not to how fast
+_NEAR_IT = 0.5  # of what is asked of a box, that it has to bring before its limits are known to the row
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
 _BEFORE = 2.5  # times a row itself, in units of noise, that the whitened row may be
 _CHUNK = 32  # terms looked at at a time
 
 
-def best_region(library: Library, current: Basis, taken: Collection[str] = ()) -> Score | None:
-    """The best confined version of any mechanism that is not `taken`, or None."""
+def best_region(library: Library, current: Basis, taken: Collection[str] = (), asked: float = 0.0) -> Score | None:
+    """The best confined version of any mechanism that is not `taken`; None where there is none, or none that comes near
+    what is `asked` of it, in BIC below that of what is there already."""
     space = library.space
     if space is None:
         return None
     best = _best_on(space, space.coarse, library, current, taken)
-    if best is None:
+    if best is None or current.bic - best.bic < _NEAR_IT * asked:
         return None
     # Once its limits are known, to the row, other laws can be asked within the same: one that falls with speed looks
     # weak in a box that begins a little too low.
-    best = _to_the_row(library, current, best, space)
+    best = _to_the_row(library, current, _otherwise(library, current, best, space), space)
     again = _best_on(space, _grid_of(space, best.term), library, current, taken)
-    return best if again is None else min(best, _to_the_row(library, current, again, space), key=_price)
+    if again is not None:
+        best = min(best, _to_the_row(library, current, again, space), key=_price)
+    return _with_fewer(library, current, best, space, _SHARES)
 
 
 def within_same_limits(library: Library, current: Basis, term: Term, taken: Collection[str]) -> list[Score]:
@@ -99,8 +104,7 @@ def _best_on(space: Space, grid: Grid, library: Library, current: Basis, taken: 
     boxed = [_in_its_box(library, current, score, space.fine) for score in best.values()]
     boxed = [_sharpen(library, current, score, space) for score in boxed]
     settled = [_settle(library, current, s, space) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
-    winner = min((s for s in settled if s.term.gates), key=_price, default=None)
-    return None if winner is None else _otherwise(library, current, winner, space)
+    return min((s for s in settled if s.term.gates), key=_price, default=None)
 
 
 def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Score:
@@ -112,6 +116,7 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> S
         (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
     else:
         gain = gains_together(fine, rows, current.residual32)
+    gain = _where_allowed(library, score.term, fine, gain)
     box = int(np.argmax(_worth(current, gain, _charge_of_limits(library, current, fine))))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
     return score if found is None else min(score, found, key=_price)
@@ -155,18 +160,36 @@ def _worth(current: Basis, gain: Float32, limits: Float1D) -> Float1D:
 
 
 def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:
-    """Terms that may be confined, each with what it takes away in every box."""
+    """Terms that may be confined, each with what it takes away in every box in which it may be."""
+    for term, gain in _gains(library, current, taken, grid):
+        yield term, _where_allowed(library, term, grid, gain)
+
+
+def _where_allowed(library: Library, term: Term, grid: Grid, gain: Float32) -> Float32:
+    for variable in _never_limits(library, term):
+        gain = np.where(grid.cut_by(variable), np.float32(0), gain)
+    return gain
+
+
+def _never_limits(library: Library, term: Term) -> tuple[str, ...]:
+    """The variables that do not limit this term: friction with limits of its axis' speed is another in one direction
+    than in the other by itself."""
+    own = f"v_{library.mismatch.axis}"
+    return (own, f"|{own}|") if term.mechanism.id == "friction_asymmetry" else ()
+
+
+def _gains(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:
     assert library.noise is not None
     residual = current.residual32
     # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
-    # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what differs between
-    # the directions of the axis is friction with a limit of its speed.
-    cut = {name for lattice in grid.lattices for name in lattice.cuts}
-    never = _REGIONS | ({"friction_asymmetry"} if f"v_{library.mismatch.axis}" in cut else set())
+    # everywhere, too; within a box it is something that no mechanism of the catalogue says.
     open_ = [
         (term, (i, j))
         for term, (i, j), varies in zip(library.terms, library.spans, library.varies, strict=True)
-        if term.name not in taken and term.mechanism.kind != "data_fault" and term.mechanism.id not in never and varies
+        if term.name not in taken
+        and term.mechanism.kind != "data_fault"
+        and term.mechanism.id not in _REGIONS
+        and varies
     ]
     singles = [(t, i) for t, (i, j) in open_ if j == i + 1]
     for k in range(0, len(singles), _CHUNK):
@@ -224,14 +247,16 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
     """The best interval of one variable after another, the most worth first.
 
     share : of the values between two places, between which the limits there are are moved; 0: at places only
-    but : a variable that is left as it is
+    but : a variable that is left as it is; speeds without their sign, unless they limit it already, come in its place
     """
     while True:
         found = []
         for variable, at in space.places.items():
-            if variable == but:
+            if variable in (but, *_never_limits(library, score.term)):
                 continue
             own = [_limit(g) for g in score.term.gates if g.variable == variable]
+            if variable in EITHER_WAY and not (own or but):
+                continue
             limits = space.between_rows(variable, own, share) if share else _limits_near(at, own)
             if len(limits):
                 found.append(_best_interval(library, current, score, variable, limits, space))
@@ -242,15 +267,24 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
 
 
 def _otherwise(library: Library, current: Basis, score: Score, space: Space) -> Score:
+    """The same term without the limits of one variable, and the others settled."""
+    best = _with_fewer(library, current, score, space, (0.0,))
+    return best if best is score else _settle(library, current, best, space)
+
+
+def _with_fewer(library: Library, current: Basis, score: Score, space: Space, shares: tuple[float, ...]) -> Score:
     """The same term without the limits of one variable, and the others moved: limits of two variables may stand for
     those of a third."""
     best = score
     for variable in dict.fromkeys(g.variable for g in score.term.gates):
         rest = tuple(g for g in score.term.gates if g.variable != variable)
-        open_ = library.score(replace(score.term, gates=rest), current)
-        if open_ is not None:
-            best = min(best, _sharpen(library, current, open_, space, but=variable), key=_with_limits)
-    return best if best is score else _settle(library, current, best, space)
+        fewer = library.score(replace(score.term, gates=rest), current)
+        for share in shares:
+            if fewer is not None:
+                fewer = _sharpen(library, current, fewer, space, share, but=variable)
+        if fewer is not None:
+            best = min(best, fewer, key=_with_limits)
+    return best
 
 
 def _limits_near(places: Places, limits: list[float]) -> Float1D:
@@ -276,7 +310,8 @@ def _best_interval(
     sign = _sign(library, score.term) if len(columns) == 1 else 0.0
     first, last, gain = gains_of_intervals(whitened, k, current.Q32, current.residual32, sign)
     # What is narrower than the least step between two levels is no range of speeds, but where a sign turns.
-    low, high = np.r_[-np.inf, limits][first], np.r_[limits, np.inf][last]
+    least = 0.0 if variable in EITHER_WAY else -np.inf
+    low, high = np.r_[least, limits][first], np.r_[limits, np.inf][last]
     gain[high - low < space.places[variable].gaps.min()] = 0.0
     count = (first > 0).astype(int) + (last < len(limits)) + len(others)
     worth = -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - count * _charge_of_limit(library, current)

@@ -342,11 +342,17 @@ def _engaged(mrr: Float1D | None, m_sp: Float1D | None, forces: Mapping[str, Flo
     return np.abs(load) > 1e-6 * top
 
 
+def speed_along_path(speeds: Mapping[str, Float1D]) -> Float1D:
+    """(n,), mm/s – of the tool, from those of its linear axes, at least one of them."""
+    path: Float1D = np.linalg.norm([speeds[a] for a in LINEAR_AXES if a in speeds], axis=0)
+    return path
+
+
 def _area_removal(mrr: Float1D | None, own: Motion, others: Mapping[str, Motion], axis: str) -> Float1D | None:
     moved = {**others, axis: own}
     if mrr is None or any(a not in moved for a in LINEAR_AXES):
         return None
-    speed = np.sqrt(sum(moved[a].v ** 2 for a in LINEAR_AXES))
+    speed = speed_along_path({a: m.v for a, m in moved.items()})
     return np.where(speed > _LINEAR_DEAD_BAND, mrr / np.maximum(speed, _LINEAR_DEAD_BAND), 0.0)
 
 

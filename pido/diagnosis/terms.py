@@ -13,16 +13,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.state import AxisState
+from pido.diagnosis.state import AxisState, speed_along_path
 from pido.diagnosis.whiten import Noise
 from pido.physics.drive import answered_late
+
+PATH_SPEED = "path speed"
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Acts only where low <= variable < high; variable is 'v_x', 'v_y' (mm/s) or 'AR' (mm²)."""
+    """Acts only where low <= variable < high.
+
+    variable : 'v_x', 'v_y', '|v_x|', '|v_y|', PATH_SPEED – of the tool, in mm/s –, or 'AR' in mm²
+    """
 
     variable: str
     low: float = -np.inf
@@ -136,9 +142,15 @@ def behind(columns: Float2D, states: Sequence[AxisState], lag: float) -> Float2D
 
 
 def gate_variable(state: AxisState, variable: str) -> Float1D | None:
-    """(n,) of 'v_x', 'v_y' or 'AR', None where the recording does not have it."""
+    """(n,) of what a `Gate` may limit, None where the recording does not have it."""
     if variable == "AR":
         return state.ar
+    if variable == PATH_SPEED:
+        speeds = {a: v for a in LINEAR_AXES if (v := gate_variable(state, f"v_{a}")) is not None}
+        return speed_along_path(speeds) if len(speeds) > 1 else None
+    if variable.startswith("|"):
+        speed = gate_variable(state, variable.strip("|"))
+        return None if speed is None else np.abs(speed)
     axis = variable.removeprefix("v_")
     if axis == state.axis:
         return state.v

@@ -8,7 +8,7 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.confirm import even
+from pido.diagnosis.confirm import even, less_error_there
 from pido.diagnosis.forms import fewest
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -17,7 +17,7 @@ from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.regions import best_region
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Gate, Term, inside
+from pido.diagnosis.terms import Gate, Term, gate_variable, inside
 from pido.diagnosis.whiten import Noise
 
 NOISE = 0.05
@@ -105,7 +105,7 @@ def test_an_effect_in_a_box_is_named_and_placed_there(name):
     assert overlap(term, box, law, mismatch) > 0.8
 
 
-def test_a_box_with_limits_on_both_sides_is_found_with_all_of_them():
+def test_a_box_with_limits_on_both_sides_is_found_with_all_of_them_in_fewest_words():
     def box(s):
         return (np.abs(s.v) < 18.0) & (s.ar > 16.0) & (s.ar < 26.0)
 
@@ -113,9 +113,24 @@ def test_a_box_with_limits_on_both_sides_is_found_with_all_of_them():
     (term,) = answer.terms
     assert term.mechanism.id == "viscous_friction"
     assert overlap(term, box, lambda s: s.v, mismatch) > 0.8
-    assert {(g.variable, bool(np.isfinite(g.low))) for g in term.gates} == {
-        ("v_x", True), ("v_x", False), ("AR", True), ("AR", False)
-    }  # fmt: skip
+    limited = {(g.variable, bool(np.isfinite(g.low))) for g in term.gates}
+    assert limited == {("|v_x|", False), ("AR", True), ("AR", False)}
+
+
+WAYS = {
+    "both ways": (lambda s: 0.08 * np.sign(s.v), lambda s: np.abs(other(s)) > 8.0, {"|v_y|"}),
+    "ring": (lambda s: 0.006 * s.v, lambda s: np.hypot(s.v, other(s)) > 15.0, {"path speed"}),
+    "directions": (lambda s: 0.15 * (s.v > 0), lambda s: np.hypot(s.v, other(s)) < 15.0, {"path speed"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_law_confined_by_speed_without_a_sign_is_one_law_with_that_limit(name):
+    law, box, variables = WAYS[name]
+    answer, mismatch = answer_of(lambda s: law(s) * box(s), 6, 25.0, 0.5)
+    (term,) = answer.terms
+    assert overlap(term, box, law, mismatch) > 0.9
+    assert {g.variable for g in term.gates} == variables
 
 
 RARE = {
@@ -151,6 +166,18 @@ def test_what_few_blocks_show_in_sizes_of_their_own_holds_on_unseen_parts(size, 
     assert (reason is None) == holds
 
 
+@pytest.mark.parametrize(("size", "much"), [(10.0, True), (0.0, False)])
+def test_what_acts_in_few_rows_is_judged_by_the_error_in_these(size, much):
+    law, box = RARE["viscous_friction"]
+    rng = np.random.default_rng(3)
+    states = axis_states(list(recordings(3, 50.0)), "x")
+    mismatch = lay_out(states, [size * law(s) * box(s) + rng.normal(0, 0.5, len(s.time)) for s in states])
+    viscous = next(m for m in CATALOGUE if m.id == "viscous_friction")
+    term = Term(viscous, gates=(Gate("v_x", low=8.0), Gate("v_y", low=8.0)))
+    acts = np.concatenate([box(s) for s in states]) & mismatch.usable
+    assert (less_error_there(mismatch, even(mismatch), [term], [], acts) < 0.9) == much
+
+
 def with_rapids(seed, rate, count=4):
     """The same machine, whose x axis now and then goes at twenty times its feeds for a second."""
     for recording in recordings(seed, rate, count=count):
@@ -168,7 +195,7 @@ def test_friction_that_ends_with_speed_is_found_beside_rapids():
     mismatch = lay_out(states, [e + remembering(rng, len(e), 0.9) for e in effects])
     (term,) = search(first_look(mismatch, rng), 1, False, rng).terms
     assert term.mechanism.id == "viscous_friction"
-    assert {g.variable for g in term.gates} == {"v_x"}
+    assert {g.variable for g in term.gates} in ({"v_x"}, {"|v_x|"})
 
 
 def test_what_grows_with_the_speed_of_another_axis_is_one_law_of_it_and_not_two_boxes():
@@ -196,9 +223,12 @@ def test_a_box_is_no_narrower_than_the_least_step_between_levels():
     noise = Noise(np.zeros(0), np.full(mismatch.n, 0.01), 1.0, mismatch.usable)
     library.whiten(noise)
     found = best_region(library, basis(library, noise, []))
-    limits = [v for g in (found.term.gates if found else ()) if g.variable == "v_x" for v in (g.low, g.high)]
-    ends = [v for v in limits if np.isfinite(v)]
-    assert len(ends) < 2 or np.ptp(ends) > 0.01 * np.ptp(np.concatenate([s.v for s in states]))
+    gates = found.term.gates if found else ()
+    for variable, least in (("v_x", -np.inf), ("|v_x|", 0.0)):
+        own = [g for g in gates if g.variable == variable]
+        low, high = max((g.low for g in own), default=least), min((g.high for g in own), default=np.inf)
+        speeds = np.concatenate([gate_variable(s, variable) for s in states])
+        assert high - max(low, least) > 0.01 * np.ptp(speeds)
 
 
 def at_any_feed(seed, rate):
