@@ -174,8 +174,7 @@ def _where_allowed(library: Library, term: Term, grid: Grid, gain: Float32) -> F
 def _never_limits(library: Library, term: Term) -> tuple[str, ...]:
     """The variables that do not limit this term: friction with limits of its axis' speed is another in one direction
     than in the other by itself."""
-    own = f"v_{library.mismatch.axis}"
-    return (own, f"|{own}|") if term.mechanism.id == "friction_asymmetry" else ()
+    return (f"v_{library.mismatch.axis}",) if term.mechanism.id == "friction_asymmetry" else ()
 
 
 def _gains(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:
