@@ -146,10 +146,6 @@ class Grid:
         """(boxes,) – how many limits each box has."""
         return np.concatenate([each.limits for each in self.lattices])
 
-    def cut_by(self, variable: str) -> Bool1D:
-        """(boxes,) – whether the lattice of a box has limits of `variable`."""
-        return np.concatenate([np.full(len(e.limits), len(e.cuts.get(variable, ())) > 0) for e in self.lattices])
-
     def sums(self, values: Float32) -> Float32:
         """(k, n) -> (k, boxes): sums over the rows of each box."""
         groups = np.add.reduceat(values[:, self.order], self.first, axis=1)

@@ -116,7 +116,6 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> S
         (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
     else:
         gain = gains_together(fine, rows, current.residual32)
-    gain = _where_allowed(library, score.term, fine, gain)
     box = int(np.argmax(_worth(current, gain, _charge_of_limits(library, current, fine))))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
     return score if found is None else min(score, found, key=_price)
@@ -160,35 +159,18 @@ def _worth(current: Basis, gain: Float32, limits: Float1D) -> Float1D:
 
 
 def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:
-    """Terms that may be confined, each with what it takes away in every box in which it may be."""
-    for term, gain in _gains(library, current, taken, grid):
-        yield term, _where_allowed(library, term, grid, gain)
-
-
-def _where_allowed(library: Library, term: Term, grid: Grid, gain: Float32) -> Float32:
-    for variable in _never_limits(library, term):
-        gain = np.where(grid.cut_by(variable), np.float32(0), gain)
-    return gain
-
-
-def _never_limits(library: Library, term: Term) -> tuple[str, ...]:
-    """The variables that do not limit this term: friction with limits of its axis' speed is another in one direction
-    than in the other by itself."""
-    return (f"v_{library.mismatch.axis}",) if term.mechanism.id == "friction_asymmetry" else ()
-
-
-def _gains(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:
+    """Terms that may be confined, each with what it takes away in every box."""
     assert library.noise is not None
     residual = current.residual32
     # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
-    # everywhere, too; within a box it is something that no mechanism of the catalogue says.
+    # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what differs between
+    # the directions of the axis is friction with a limit of its speed.
+    cut = {name for lattice in grid.lattices for name in lattice.cuts}
+    never = _REGIONS | ({"friction_asymmetry"} if f"v_{library.mismatch.axis}" in cut else set())
     open_ = [
         (term, (i, j))
         for term, (i, j), varies in zip(library.terms, library.spans, library.varies, strict=True)
-        if term.name not in taken
-        and term.mechanism.kind != "data_fault"
-        and term.mechanism.id not in _REGIONS
-        and varies
+        if term.name not in taken and term.mechanism.kind != "data_fault" and term.mechanism.id not in never and varies
     ]
     singles = [(t, i) for t, (i, j) in open_ if j == i + 1]
     for k in range(0, len(singles), _CHUNK):
@@ -251,7 +233,7 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
     while True:
         found = []
         for variable, at in space.places.items():
-            if variable in (but, *_never_limits(library, score.term)):
+            if variable == but:
                 continue
             own = [_limit(g) for g in score.term.gates if g.variable == variable]
             if variable in EITHER_WAY and not (own or but):
