@@ -22,7 +22,7 @@ from pido.diagnosis.misfit import AT_STOPS, MISFIT, MISFIT_PLAIN, acting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import with_own_limits, within_same_limits
 from pido.diagnosis.select import refine, shortlist_of
-from pido.diagnosis.terms import Term, fit
+from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.unnamed import best_nameless
 from pido.diagnosis.whiten import Noise
 
@@ -218,7 +218,7 @@ def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:
         if not term.gates or term.name == "unknown":
             continue
         free = [*terms[:i], replace(term, gates=()), *terms[i + 1 :]]
-        if _lacks_little(*_left(mismatch, [*terms[:i], *terms[i + 1 :]], free, terms), share=CONFINED):
+        if _lacks_little(*_left(mismatch, without(terms, i), free, terms), share=CONFINED):
             terms = free
     return terms
 

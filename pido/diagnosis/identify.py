@@ -240,11 +240,11 @@ def _harmless(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold: Int
     """`terms` without those that make the error on unseen folds clearly larger, and that error."""
     kept, error = list(terms), rms_held_out(mismatch, noise, terms, fold)
     while kept:
-        without = [rms_held_out(mismatch, noise, kept[:i] + kept[i + 1 :], fold) for i in range(len(kept))]
-        i = int(np.argmin(without))
-        if without[i] > (1 - WORTH) * error:
+        errors = [rms_held_out(mismatch, noise, without(kept, i), fold) for i in range(len(kept))]
+        i = int(np.argmin(errors))
+        if errors[i] > (1 - WORTH) * error:
             break
-        kept, error = kept[:i] + kept[i + 1 :], without[i]
+        kept, error = without(kept, i), errors[i]
     return kept, error
 
 

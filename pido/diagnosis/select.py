@@ -16,7 +16,7 @@ from pido.core.arrays import Float1D
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.terms import Term
+from pido.diagnosis.terms import Term, without
 from pido.diagnosis.whiten import Noise
 
 MOST_TERMS = 8  # on one axis; more named terms than this is a description, not a diagnosis
@@ -142,9 +142,9 @@ def drop_useless(library: Library, noise: Noise, terms: list[Term], least_gain: 
     """Terms whose removal costs less than `least_gain` of BIC are removed, the least useful first."""
     while terms:
         whole = basis(library, noise, terms).bic
-        without = [basis(library, noise, terms[:i] + terms[i + 1 :]).bic for i in range(len(terms))]
-        i = int(np.argmin(without))
-        if without[i] > whole + least_gain:
+        left = [basis(library, noise, without(terms, i)).bic for i in range(len(terms))]
+        i = int(np.argmin(left))
+        if left[i] > whole + least_gain:
             break
-        terms = terms[:i] + terms[i + 1 :]
+        terms = without(terms, i)
     return terms

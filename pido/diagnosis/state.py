@@ -114,6 +114,12 @@ class AxisState:
     sims: Mapping[str, Float1D] = field(default_factory=dict)
     usable: Bool1D = field(default_factory=lambda: np.zeros(0, bool))
 
+    @property
+    def speeds(self) -> dict[str, Float1D]:
+        """Linear axis -> (n,), mm/s, as far as they are known."""
+        each = {n: m.v for n, m in self.others.items()} | {self.axis: self.v}
+        return {n: v for n, v in each.items() if n in LINEAR_AXES}
+
 
 def axis_state(recording: Recording, axis: str, machine: Machine | None = None) -> AxisState:
     """The state of one axis in one part, without what earlier parts left behind."""

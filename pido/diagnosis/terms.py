@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
-from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState, speed_along_path
@@ -146,8 +145,7 @@ def gate_variable(state: AxisState, variable: str) -> Float1D | None:
     if variable == "AR":
         return state.ar
     if variable == PATH_SPEED:
-        speeds = {a: v for a in LINEAR_AXES if (v := gate_variable(state, f"v_{a}")) is not None}
-        return speed_along_path(speeds) if len(speeds) > 1 else None
+        return speed_along_path(state.speeds) if len(state.speeds) > 1 else None
     if variable.startswith("|"):
         speed = gate_variable(state, variable.strip("|"))
         return None if speed is None else np.abs(speed)

@@ -13,7 +13,7 @@ from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
 from pido.diagnosis.mechanisms.friction import at_rest, direction
-from pido.diagnosis.state import AxisState
+from pido.diagnosis.state import AxisState, speed_along_path
 
 
 def load(state: AxisState) -> Float1D | None:
@@ -129,7 +129,7 @@ def _side(state: AxisState, along: int) -> Float1D | None:
         lever = state.tool_radius if along == 2 else None
         return None if lever is None else np.nan_to_num(lever) * direction(state)
     if along == 2:
-        speed = np.sqrt(state.v**2 + sum(o.v**2 for n, o in state.others.items() if n in LINEAR_AXES))
+        speed = speed_along_path(state.speeds)
         return np.where(speed > 0, state.v * state.moving / np.maximum(speed, 1e-9), 0.0)
     if state.force is None:
         return None
