@@ -54,4 +54,4 @@ def _gain(fit: HeldOut, beside_others: bool) -> str:
     if not math.isfinite(fit.rmse_before):
         return ""
     others = ", without it -> with it, beside the axis' other findings" if beside_others else ""
-    return f"   RMSE {fit.rmse_before:.3g} -> {fit.rmse_after:.3g} ({fit.scheme}{others})"
+    return f"   RMSE {fit.rmse_before:.{fit.digits}g} -> {fit.rmse_after:.{fit.digits}g} ({fit.scheme}{others})"

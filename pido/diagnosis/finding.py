@@ -62,6 +62,12 @@ class HeldOut:
     r2_after: float
     p_value: float
 
+    @property
+    def digits(self) -> int:
+        """Fewest, from three to seven, in which the errors before and after differ: a rare effect is little of all."""
+        differ = (d for d in range(3, 7) if f"{self.rmse_before:.{d}g}" != f"{self.rmse_after:.{d}g}")
+        return next(differ, 7)
+
 
 @dataclass(frozen=True, slots=True)
 class Alternative:

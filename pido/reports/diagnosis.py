@@ -19,7 +19,7 @@ from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, POSITION, VELOCITY
 from pido.core.recording import Recording
 from pido.diagnosis.contract import unit_of_series
-from pido.diagnosis.finding import Diagnosis, Estimate, Finding, PartSeries
+from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
 from pido.reports.words import in_words
@@ -67,8 +67,8 @@ def verdict(diagnosis: Diagnosis) -> str:
     text = f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}."
     if np.isfinite(first.fit.rmse_before):
         text += (
-            f" With it the error on data that was not used for the fit falls from {number(first.fit.rmse_before)} to "
-            f"{number(first.fit.rmse_after)}{_unit(diagnosis)}."
+            f" With it the error on data that was not used for the fit falls from {_rmse(first.fit, ' to ')}"
+            f"{_unit(diagnosis)}."
         )
     others = len(diagnosis.findings) - 1
     if others:
@@ -78,6 +78,10 @@ def verdict(diagnosis: Diagnosis) -> str:
     return text
 
 
+def _rmse(fit: HeldOut, between: str = " → ") -> str:
+    return between.join(number(value, fit.digits) for value in (fit.rmse_before, fit.rmse_after))
+
+
 def _overview(diagnosis: Diagnosis) -> Section:
     rows = [
         (
@@ -85,7 +89,7 @@ def _overview(diagnosis: Diagnosis) -> Section:
             in_words(f.mechanism),
             f.kind.replace("_", " "),
             f.where.summary,
-            f"{number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}" if np.isfinite(f.fit.rmse_before) else "–",
+            _rmse(f.fit) if np.isfinite(f.fit.rmse_before) else "–",
             _chance(f.evidence.q_value).removeprefix("= "),
         )
         for f in diagnosis.findings
@@ -116,7 +120,7 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     if np.isfinite(f.fit.rmse_before):
         others = ", without it → with it, beside the axis' other findings" if beside_others else ""
         lines.append(
-            f"On unseen data ({f.fit.scheme}{others}): RMSE {number(f.fit.rmse_before)} → {number(f.fit.rmse_after)}, "
+            f"On unseen data ({f.fit.scheme}{others}): RMSE {_rmse(f.fit)}, "
             f"R² {f.fit.r2_before:.4f} → {f.fit.r2_after:.4f}, p {_chance(f.fit.p_value)}."
         )
     else:

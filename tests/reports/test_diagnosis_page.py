@@ -213,3 +213,11 @@ def test_numbered_parameters_of_several_laws_have_a_row_each():
     page = diagnosis_page(replace(diagnosis, findings=(replace(diagnosis.findings[0], parameters=laws),)), [recording])
     (table,) = [s.table for s in page.sections if s.table is not None and "parameter" in s.table.head]
     assert len(table.rows) == 12
+
+
+def test_errors_that_a_rare_effect_hardly_changes_are_said_in_digits_that_differ():
+    diagnosis, recording = _diagnosis()
+    rare = replace(diagnosis.findings[0], fit=HeldOut("leave-one-part-out", 3.42467, 3.41933, 0.7, 0.8, 0.001))
+    only = replace(diagnosis, findings=(rare,))
+    assert summary(only)[0].endswith("RMSE 3.425 -> 3.419 (leave-one-part-out)")
+    assert "falls from 3.425 to 3.419" in diagnosis_page(only, [recording]).verdict
