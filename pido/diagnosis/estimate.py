@@ -91,9 +91,9 @@ def estimate(
             found[name] = Estimate(float(value), unit, (float(value) - half[at], float(value) + half[at]))
             at += 1
         for p in term.mechanism.shape:
-            if p.is_choice:
+            value = dict(term.shape).get(p.name)
+            if p.is_choice or value is None:
                 continue
-            value = dict(term.shape)[p.name]
             if p.name in group:
                 found[p.name] = Estimate(value, p.unit, _within(p, _around(value, half[slope_at], p.scale == "log")))
                 slope_at += 1

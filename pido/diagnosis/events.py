@@ -193,11 +193,17 @@ def _unlike_others(
 
 def _scatter(like: Float1D, length: int) -> tuple[float, int]:
     """What sums over so many rows of `like` scatter by, for independent rows 1, and with how many degrees of freedom
-    that is known: few sums say little beside the model of the noise (a variance beside a prior, as Smyth 2004)."""
-    length = max(1, min(length, len(like) // _FEWEST_LIKE))
-    sums = like[: len(like) // length * length].reshape(-1, length).sum(axis=1) / np.sqrt(length)
-    known = _AS_KNOWN + len(sums)
-    return float(np.sqrt((_AS_KNOWN + np.sum(sums**2)) / known)), known
+    that is known: few sums say little beside the model of the noise (a variance beside a prior, as Smyth 2004), and
+    beside sums over half as many rows: noise that is slower than that model scatters no less over more of them.
+    """
+    length = max(1, min(int(length), len(like) // _FEWEST_LIKE))
+    variance, known = 1.0, _AS_KNOWN
+    for halvings in range(length.bit_length() - 1, -1, -1):
+        some = length >> halvings
+        sums = like[: len(like) // some * some].reshape(-1, some).sum(axis=1) / np.sqrt(some)
+        known = _AS_KNOWN + len(sums)
+        variance = max(variance, (_AS_KNOWN * variance + float(np.sum(sums**2))) / known)
+    return float(np.sqrt(variance)), known
 
 
 def charge(mismatch: Mismatch) -> float:

@@ -244,9 +244,8 @@ def _without_places(library: Library, terms: list[Term]) -> list[Term]:
 
 def _coulomb(library: Library, like: Term) -> Term | None:
     """Coulomb's friction, at rest as another friction is there."""
-    offered = [t for t in library.terms if t.mechanism.id == "coulomb_friction"]
-    rest = dict(like.shape).get("rest", 0.0)
-    return next((t for t in offered if dict(t.shape).get("rest", 0.0) == rest), None)
+    offered = next((t for t in library.terms if t.mechanism.id == "coulomb_friction"), None)
+    return None if offered is None else offered.with_shape(rest=dict(like.shape).get("rest", 0.0))
 
 
 def _without_mean(library: Library, term: Term) -> Term | None:

@@ -95,6 +95,7 @@ class Library:
         self._own = np.zeros(0)
         self._single = np.zeros(0, bool)
         self.noise: Noise | None = None
+        self.nameless: tuple[Noise, list[Score]] | None = None  # laws without a name beside nothing, under that noise
 
     @cached_property
     def space(self) -> Space | None:

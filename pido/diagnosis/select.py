@@ -81,17 +81,17 @@ def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> S
         for parameter in score.term.mechanism.shape:
             best = _refine_one(library, current, best, parameter)
             if parameter.name == "rest":
-                best = _at_rest(library, current, best, parameter)
+                best = _at_rest(library, current, best)
     return best
 
 
-def _at_rest(library: Library, current: Basis, score: Score, parameter: Parameter) -> Score:
+def _at_rest(library: Library, current: Basis, score: Score) -> Score:
     """The same law with what it does at rest that fits best, where the library asks for that at all."""
-    if not any(dict(t.shape).get(parameter.name) for t in library.terms if t.name == score.term.name):
+    if not any(dict(t.shape).get("rest") for t in library.terms if t.name == score.term.name):
         return score
     best = score
-    for value in parameter.values:
-        found = library.score(score.term.with_shape(**{parameter.name: value}), current)
+    for shape in score.term.mechanism.forms_at_rest(dict(score.term.shape)):
+        found = library.score(score.term.with_shape(**shape), current)
         if found is not None and found.bic < best.bic:
             best = found
     return best
@@ -119,17 +119,17 @@ def _refine_one(library: Library, current: Basis, score: Score, parameter: Param
     return best
 
 
-def swap(library: Library, noise: Noise, terms: list[Term], without: frozenset[str] = frozenset()) -> list[Term]:
-    """Each term against every other mechanism but those `without`, the rest kept."""
+def swap(library: Library, noise: Noise, terms: list[Term], but: frozenset[str] = frozenset()) -> list[Term]:
+    """Each term against every other mechanism but those in `but`, the rest kept."""
     if len(terms) < 2:
         return terms
     for _ in range(2):
         changed = False
         for i in range(len(terms)):
-            rest = terms[:i] + terms[i + 1 :]
+            rest = without(terms, i)
             current = basis(library, noise, rest)
             whole = basis(library, noise, terms).bic
-            best = best_addition(library, current, without | {t.name for t in rest})
+            best = best_addition(library, current, but | {t.name for t in rest})
             if best is not None and best.bic < whole - 1.0:
                 terms = [*terms[:i], best.term, *terms[i + 1 :]]
                 changed = True

@@ -143,8 +143,9 @@ def _belong_together(a: Term, b: Term) -> bool:
 
 
 def _is_law(term: Term) -> bool:
-    """Whether it is of the motion or the process and has a name: no fault of the data, no force over intervals."""
-    return term.name not in ("unknown", "external_force") and term.mechanism.kind != "data_fault"
+    """Whether it is of the motion or the process, with a name or without: no fault of the data, no force over
+    intervals."""
+    return term.name != "external_force" and term.mechanism.kind != "data_fault"
 
 
 def is_shared_out(full: Mismatch, terms: Sequence[Term]) -> bool:

@@ -81,7 +81,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
     nothing = basis(library, noise, [])
     best_terms, best = terms, _charged(library, noise, terms)
     for start in (terms, []) if terms else (terms,):
-        for found in best_nameless(library, noise, start):
+        for found in best_nameless(library, noise, start) if start else _beside_nothing(library, noise):
             trial = _needed(library, noise, start, found.term)
             instead = library.score(found.term, basis(library, noise, trial[:-1]))
             if instead is not None and is_known(library, noise, instead):
@@ -227,6 +227,13 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
         if found is not None and found.bic < curve.bic - _CLEARLY and not is_known(library, noise, found):
             curve = found
     return [best] if curve is best else [best, curve]
+
+
+def _beside_nothing(library: Library, noise: Noise) -> list[Score]:
+    """The same beside nothing, which is asked again when terms have fallen."""
+    if library.nameless is None or library.nameless[0] is not noise:
+        library.nameless = (noise, best_nameless(library, noise, []))
+    return library.nameless[1]
 
 
 def _ranked_surfaces(every: Sequence[Surface], known: Known, few: Coarse) -> list[Surface]:

@@ -84,6 +84,7 @@ STANDSTILL = friction("standstill_friction", rest=0.0)
 STRIBECK = friction("stribeck_friction", v_s=2.0, delta=1.0, rest=1.0)
 VISCOUS = friction("viscous_friction")
 ALONG = replace(friction("position_dependent_friction", form=1.0, L=60.0, p_0=0.0), gates=(Gate("AR", low=2.0),))
+NAMELESS = Term(Formula((("a_x", "u"),), "mm/s²"))
 BOX = replace(VISCOUS, gates=(Gate("AR", low=2.0),))
 
 
@@ -98,6 +99,8 @@ BOX = replace(VISCOUS, gates=(Gate("AR", low=2.0),))
         ((COULOMB, VISCOUS), 0.7, None),  # everywhere: their sum is friction that falls with speed
         ((COULOMB, ALONG), 0.7, None),  # holds Coulomb's
         ((COULOMB, BOX), 0.7, (0, 1)),
+        ((NAMELESS, BOX), 0.7, (0, 1)),
+        ((NAMELESS, VISCOUS), 0.7, None),
     ],
 )
 def test_two_laws_that_take_most_of_each_other_back_are_one_without_a_name(two, back, which):

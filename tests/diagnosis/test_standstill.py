@@ -5,14 +5,17 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.answers import equation_text
 from pido.diagnosis.correct import correct
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, known_of
+from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states, dead_bands
 from pido.diagnosis.terms import Term
+from tests.diagnosis.feeds import laid_out
 from tests.diagnosis.planted import NOISE, part, white
 
 BY_ID = {m.id: m for m in CATALOGUE}
@@ -29,6 +32,16 @@ def test_what_falls_with_speed_before_the_axis_moves_is_held_at_standstill(v_s, 
     library = Library(mismatch, [falls, Term(BY_ID["standstill_friction"], (("rest", 0.0),))])
     library.whiten(noise)
     assert [t.name for t in plainest(library, noise, [falls])] == [name]
+
+
+@pytest.mark.parametrize("v_0", [0.0, 0.2, 0.8, 3.0])
+def test_friction_that_rises_with_the_speed_is_one_law(v_0):
+    """Its sign is smooth in another form than the catalogue's."""
+    mismatch, _ = laid_out(lambda s: 0.3 * s.v / np.maximum(np.hypot(s.v, v_0), 1e-9) * s.moving)
+    look = first_look(mismatch, np.random.default_rng(0))
+    (found,) = search(look, 1, False, np.random.default_rng(0)).terms
+    assert found.mechanism.id == "coulomb_friction"
+    assert ("tanh" in equation_text(found, "x")) == (v_0 > 0)
 
 
 def noisy(name, seconds_in_motion):

@@ -24,7 +24,10 @@ from pido.diagnosis.state import AxisState
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number of a mechanism: unit, plausible range, and for a shape the values that a search starts from."""
+    """A number of a mechanism: unit, plausible range, and for a shape the values that a search starts from.
+
+    first : of a choice, how many of its forms a search starts from; 0: all. The others are asked of what it has found.
+    """
 
     name: str
     unit: str
@@ -33,12 +36,13 @@ class Parameter:
     scale: Literal["linear", "log"] = "linear"
     values: tuple[float, ...] = ()
     points: int = 6
+    first: int = 0
 
     @property
     def grid(self) -> tuple[float, ...]:
         """Where a search starts: `values`, or `points` values between low and high, evenly on the parameter's scale."""
         if self.values:
-            return self.values
+            return self.values[: self.first or None]
         if self.low is None or self.high is None:
             return ()
         space = np.geomspace if self.scale == "log" else np.linspace
@@ -57,9 +61,9 @@ class Parameter:
         return max(below, default=value), min(above, default=value)
 
 
-def choice(name: str, count: int) -> Parameter:
-    """A shape that chooses among `count` forms, numbered from 0."""
-    return Parameter(name, "–", low=0.0, high=count - 1.0, values=tuple(map(float, range(count))))
+def choice(name: str, count: int, first: int = 0) -> Parameter:
+    """A shape that chooses among `count` forms, numbered from 0; a search starts from the `first` of them, or all."""
+    return Parameter(name, "–", low=0.0, high=count - 1.0, values=tuple(map(float, range(count))), first=first)
 
 
 def which(value: float, count: int) -> int:
@@ -127,6 +131,11 @@ class Mechanism(ABC):
         parameter = next(p for p in self.shape if p.name == name)
         here = shape.get(name, 0.0)
         return (here, here) if parameter.is_choice else parameter.around(here)
+
+    def forms_at_rest(self, shape: Mapping[str, float]) -> tuple[dict[str, float], ...]:
+        """A shape with each form of its choice `rest`."""
+        rest = next(p for p in self.shape if p.name == "rest")
+        return tuple({**shape, rest.name: value} for value in rest.values)
 
     def free(self, shape: Mapping[str, float]) -> int:
         """How many shape parameters were fitted; choosing among forms is charged with the number of shapes tried."""

@@ -2,12 +2,13 @@
 
 In:  `AxisState`. Out: mechanisms of the catalogue; the laws are in `pido.physics.friction`.
 The sign of the motion has a dead band: below it the axis stands, and only what holds at standstill acts. `rest` says
-for a law of any friction whether it is zero there (0), as a simulation with sgn(v) has it, or held (see `direction`).
+for a law of any friction whether it is zero there (0), as a simulation with sgn(v) has it, or held, or whether its sign
+itself rises with the speed (see `direction`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,7 +21,11 @@ from pido.physics.friction import dahl_state, stribeck_curve
 
 _TURNS_MM = (0.0, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
 # What turns over the longest of them, in motion, is presliding by its own name.
-_REST = choice("rest", len(_TURNS_MM))
+_SMOOTH = len(_TURNS_MM)  # of `rest`: the sign itself rises with the speed
+_RISES_MM_S = (0.1, 0.5, 2.5)  # speeds over which it may do so, that are asked first
+_REST = choice("rest", _SMOOTH + 1, first=_SMOOTH)
+_SLOWEST, _FASTEST = 0.02, 5.0  # mm/s
+_V_0 = Parameter("v_0", "mm/s", low=_SLOWEST, high=_FASTEST, scale="log", values=_RISES_MM_S[:1])
 # Friction of the other direction, of that of the first, which is still an asymmetry: with more of it the axis lacks
 # Coulomb's or viscous friction as well, which is a finding of its own; with all of it against it, it is two halves.
 _LEAST_BACK, _MOST_BACK = 0.3, 0.95
@@ -28,21 +33,32 @@ _SHORTEST = 2.0  # mm, of a wave of friction along the travel: half the lead of 
 PEAKS = 3  # of a periodogram that are handed on
 
 
-def direction(state: AxisState, rest: float = 0.0) -> Float1D:
+def direction(state: AxisState, rest: float = 0.0, v_0: float = _RISES_MM_S[0]) -> Float1D:
     """(n,) – sign of the motion, 0 at standstill; or, with `rest`, what friction itself knows of it.
 
-    Friction does not end where the axis stops: it goes on holding, and turns over a small way after a reversal (Dahl
-    1968). An axis that stands is moved by micrometres all the time, and those do not turn it.
+    Friction does not end where the axis stops: it goes on holding (1), and turns over a small way after a reversal (2;
+    Dahl 1968). An axis that stands is moved by micrometres all the time, and those do not turn it. Or friction is small
+    at a creep and rises over a speed v_0 (3), as where the sign is made smooth (Andersson, Söderberg and Björklund
+    2007).
     """
-    if round(rest):
-        way = _TURNS_MM[round(rest) - 1]
-        return dahl_state(state.held, state.since_reversal, state.segment, way) if way else state.held
-    return state.held * state.moving
+    form = round(rest)
+    if form == _SMOOTH:
+        return np.tanh(np.nan_to_num(state.v) / v_0)
+    return _turned(state, form) if form else state.held * state.moving
+
+
+def _turned(state: AxisState, form: int) -> Float1D:
+    """(n,) – the direction of the last motion, turned at once (1) or over a way."""
+    way = _TURNS_MM[form - 1]
+    return dahl_state(state.held, state.since_reversal, state.segment, way) if way else state.held
 
 
 def at_rest(rest: float = 0.0) -> str:
-    """What `direction` is at standstill, as an equation says it."""
-    return f"held at rest, {_turning(rest)}" if round(rest) else "at rest 0"
+    """What `direction` is at standstill, or how smooth it is, as an equation says it."""
+    form = round(rest)
+    if form == _SMOOTH:
+        return "with tanh(v / v_0) for sgn(v)"
+    return f"held at rest, {_turning(form)}" if form else "at rest 0"
 
 
 def _turning(rest: float) -> str:
@@ -61,17 +77,42 @@ def turns(states: Sequence[AxisState]) -> str | None:
     return None if count >= 2 else f"{count:.0f} reversal(s) of the axis; at least 2 are needed"
 
 
-class CoulombFriction(Mechanism):
+class Sliding(Mechanism):
+    """A law in proportion to the sign of the motion, with what this is at rest."""
+
+    def forms_at_rest(self, shape):
+        *others, smooth = super().forms_at_rest(shape)
+        return *others, *({**smooth, "v_0": v_0} for v_0 in _RISES_MM_S)
+
+    def around(self, name, shape, states):
+        if name != "v_0":
+            return super().around(name, shape, states)
+        v_0 = shape.get(name, _RISES_MM_S[0])
+        return (max(v_0 / 3, _SLOWEST), min(3 * v_0, _FASTEST)) if _is_smooth(shape) else (v_0, v_0)
+
+    def free(self, shape):
+        return super().free(shape) - (not _is_smooth(shape))
+
+    def idle(self, shape):
+        return frozenset() if _is_smooth(shape) else frozenset({"v_0"})
+
+
+def _is_smooth(shape: Mapping[str, float]) -> bool:
+    """Whether a shape takes a sign that rises with the speed."""
+    return round(shape.get("rest", 0.0)) == _SMOOTH
+
+
+class CoulombFriction(Sliding):
     """Friction of constant size against the motion (Coulomb 1785)."""
 
     id = "coulomb_friction"
     equation = "dI = F_c * sgn(v), at rest 0 or held"
     amplitudes = (Parameter("F_c", "A", low=0.0),)
-    shape = (_REST,)
+    shape = (_REST, _V_0)
     summary = "whenever the {axis} axis moves, against its direction"
 
-    def regressors(self, state, *, rest=0.0):
-        return column(direction(state, rest))
+    def regressors(self, state, *, rest=0.0, v_0=_RISES_MM_S[0]):
+        return column(direction(state, rest, v_0))
 
     def starts(self, states):
         """A spindle that stands holds nothing: what it draws at rest is no friction."""
@@ -101,7 +142,7 @@ class ViscousFriction(Mechanism):
         return moves(states)
 
 
-class StribeckFriction(Mechanism):
+class StribeckFriction(Sliding):
     """Friction that rises as the axis slows down (Stribeck 1902; Armstrong-Hélouvry 1994).
 
     rest : 0 nothing at standstill; else the drive goes on holding against the static friction with which it stopped
@@ -115,11 +156,12 @@ class StribeckFriction(Mechanism):
         Parameter("v_s", "mm/s", low=0.05, high=40.0, scale="log", points=9),
         Parameter("delta", "–", low=0.5, high=2.0, values=(1.0, 2.0)),
         _REST,
+        _V_0,
     )
     axes = LINEAR_AXES
 
-    def regressors(self, state, *, v_s, delta, rest=0.0):
-        return column(stribeck_curve(state.v, v_s, delta) * direction(state, rest))
+    def regressors(self, state, *, v_s, delta, rest=0.0, v_0=_RISES_MM_S[0]):
+        return column(stribeck_curve(state.v, v_s, delta) * direction(state, rest, v_0))
 
     def equation_in(self, axis, shape):
         return f"dI = (F_s - F_c) * exp(-(|v| / v_s)^delta) * sgn(v), {at_rest(shape.get('rest', 0.0))}"
@@ -149,7 +191,7 @@ class StandstillFriction(Mechanism):
     summary = "{axis} axis, at standstill, with the sign of its last motion"
 
     def regressors(self, state, *, rest=0.0):
-        return column((direction(state, rest) if round(rest) else state.held) * ~state.moving)
+        return column((_turned(state, round(rest)) if round(rest) else state.held) * ~state.moving)
 
     def equation_in(self, axis, shape):
         rest = shape.get("rest", 0.0)
@@ -163,7 +205,7 @@ class StandstillFriction(Mechanism):
         return self.summary.format(axis=axis), (f"v_{axis} = 0",)
 
 
-class FrictionAsymmetry(Mechanism):
+class FrictionAsymmetry(Sliding):
     """Different Coulomb and viscous friction in the two directions.
 
     side : 0 both halves, 1 only +, 2 only -, 3 in + and `back` times as much in -, 4 the other way round
@@ -175,12 +217,17 @@ class FrictionAsymmetry(Mechanism):
         "at rest 0 or held"
     )
     amplitudes = (Parameter("dF_c", "A"), Parameter("dF_v", "A/(mm/s)"))
-    shape = (choice("side", 5), Parameter("back", "–", low=-_MOST_BACK, high=_LEAST_BACK, values=(-0.4, 0.2)), _REST)
+    shape = (
+        choice("side", 5),
+        Parameter("back", "–", low=-_MOST_BACK, high=_LEAST_BACK, values=(-0.4, 0.2)),
+        _REST,
+        _V_0,
+    )
     axes = LINEAR_AXES
     summary = "{axis} axis, friction differs between + and - direction"
 
-    def regressors(self, state, *, side, back=0.0, rest=0.0):
-        h = direction(state, rest)
+    def regressors(self, state, *, side, back=0.0, rest=0.0, v_0=_RISES_MM_S[0]):
+        h = direction(state, rest, v_0)
         forth, other = np.maximum(h, 0.0), np.minimum(h, 0.0)
         weight = (np.abs(h) / 2, forth, other, forth + back * other, other + back * forth)[which(side, 5)]
         return np.column_stack([weight, weight * np.abs(state.v)])
@@ -192,15 +239,15 @@ class FrictionAsymmetry(Mechanism):
         return one + tuple(shape for shape in every if shape["side"] >= 3 and shape["rest"] == 0)
 
     def around(self, name, shape, states):
-        if name == "back" and shape["side"] >= 3:
-            return -_MOST_BACK, _LEAST_BACK
-        return shape[name], shape[name]
+        if name != "back":
+            return super().around(name, shape, states)
+        return (-_MOST_BACK, _LEAST_BACK) if shape["side"] >= 3 else (shape[name], shape[name])
 
     def free(self, shape):
-        return int(shape["side"] >= 3)
+        return super().free(shape) - (shape["side"] < 3)
 
     def idle(self, shape):
-        return frozenset() if shape["side"] >= 3 else frozenset({"back"})
+        return super().idle(shape) | (frozenset() if shape["side"] >= 3 else {"back"})
 
     def equation_in(self, axis, shape):
         form = (
@@ -217,7 +264,7 @@ class FrictionAsymmetry(Mechanism):
         return None if both else "the axis moves in one direction only"
 
 
-class LoadDependentFriction(Mechanism):
+class LoadDependentFriction(Sliding):
     """Coulomb friction that grows with the process load across the guideway.
 
     `across`: 0 the whole load, 1 and 2 only that along the first and second other axis, where the guideway carries it.
@@ -226,17 +273,17 @@ class LoadDependentFriction(Mechanism):
     id = "load_dependent_friction"
     equation = "dI = mu * |F_perp| * sgn(v), at rest 0 or held"
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
-    shape = (choice("across", 3), _REST)
+    shape = (choice("across", 3), _REST, _V_0)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
     follows_from = ("force_perp",)
 
-    def regressors(self, state, *, across=0.0, rest=0.0):
+    def regressors(self, state, *, across=0.0, rest=0.0, v_0=_RISES_MM_S[0]):
         if state.force_perp is None:
             return nothing(state)
         others = [np.abs(f) for a, f in state.forces.items() if a != state.axis]
         load = (state.force_perp, *others)[round(across)]
-        return column(load * direction(state, rest))
+        return column(load * direction(state, rest, v_0))
 
     def equation_in(self, axis, shape):
         one, other = (f"f_{a}" for a in LINEAR_AXES if a != axis)
@@ -253,7 +300,7 @@ _PLACES = {5: 7, 6: 13}
 """At which the forms of a friction along the travel take its height, beside those with a few numbers."""
 
 
-class PositionDependentFriction(Mechanism):
+class PositionDependentFriction(Sliding):
     """Friction that varies along the travel, with its mean.
 
     form : 0 a wave of any phase, 1 a slope and a bend, 2 one tight place; 3 and 4 are 0 and 1 without their mean over
@@ -275,16 +322,17 @@ class PositionDependentFriction(Mechanism):
         Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
         Parameter("p_0", "mm", values=(0.0,)),
         _REST,
+        _V_0,
     )
     axes = LINEAR_AXES
     looked_at = 300
     follows_from = ("pos",)
 
-    def regressors(self, state, *, form, L, p_0, rest=0.0):
+    def regressors(self, state, *, form, L, p_0, rest=0.0, v_0=_RISES_MM_S[0]):
         out = nothing(state, len(self.amplitudes))
         if state.pos is None:
             return out
-        h, u, form = direction(state, rest), (state.pos - p_0) / L, round(form)
+        h, u, form = direction(state, rest, v_0), (state.pos - p_0) / L, round(form)
         one, zero = np.ones(len(h)), np.zeros(len(h))
         if form in (0, 3):
             columns = [one if form == 0 else zero, *wave(state.pos, L).T]
@@ -319,7 +367,7 @@ class PositionDependentFriction(Mechanism):
         form = round(shape["form"])
         used = {0: (0, 1, 2), 1: (0, 1, 2), 2: (1,), 3: (1, 2), 4: (1, 2)}.get(form) or range(_PLACES[form])
         idle = {f"G_{n}" for n in range(len(self.amplitudes)) if n not in used}
-        return frozenset(idle | ({"p_0"} if form in (0, 3) else set()))
+        return super().idle(shape) | idle | ({"p_0"} if form in (0, 3) else set())
 
     def needs(self, states):
         return "no position of the axis" if any(s.pos is None for s in states) else moves(states)
@@ -363,10 +411,10 @@ class PositionDependentFriction(Mechanism):
             return L / 3, min(3 * L, span)
         if name == "p_0" and form == 2:
             return max(low, p_0 - 2 * L), min(high, p_0 + 2 * L)
-        return shape[name], shape[name]
+        return super().around(name, shape, states) if name == "v_0" else (shape[name], shape[name])
 
     def free(self, shape):
-        return (1, 0, 2, 1, 0, 0, 0)[round(shape["form"])]
+        return (1, 0, 2, 1, 0, 0, 0)[round(shape["form"])] + _is_smooth(shape)
 
     def conditions(self, axis, shape):
         form, L, p_0 = round(shape["form"]), shape["L"], shape["p_0"]

@@ -1,24 +1,21 @@
-"""Boxes of the reduced space, forces over intervals, waves in time, effects without a name: each planted and found."""
+"""Boxes of the reduced space and effects without a name: each planted and found."""
 
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
-from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.confirm import even
-from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
 from pido.diagnosis.forms import plainest, rivals_of
 from pido.diagnosis.formulas import Formula, Peak
-from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
+from pido.diagnosis.identify import select_terms
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.loop import answered
 from pido.diagnosis.mechanisms import CATALOGUE
-from pido.diagnosis.mismatch import Mismatch, lay_out
+from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.search import first_look, search
@@ -27,44 +24,11 @@ from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Gate, Term, fit
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
-from pido.diagnosis.whiten import Noise, estimate_noise
+from pido.diagnosis.whiten import estimate_noise
 from pido.physics.drive import answered_late
-
-NOISE = 0.05
-VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
-
-
-def recordings(count=3, rows=1500):
-    """x and y go to and fro at feeds of their own; one sample in 0.02 s."""
-    for k in range(count):
-        rng = np.random.default_rng(k)
-        t = np.arange(rows) * 0.02
-        columns = {"time": t}
-        for axis in "xy":
-            v = np.convolve(np.repeat(rng.uniform(-12, 12, rows // 25), 25), np.ones(7) / 7, "same")
-            columns |= {f"v_{axis}": v, f"pos_{axis}": np.cumsum(v) * 0.02, f"a_{axis}": np.gradient(v, t)}
-        yield Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1, start_time_s=100.0 * k), columns)
-
+from tests.diagnosis.to_and_fro import NOISE, VISCOUS, laid_out, library_of, nothing, recordings
 
 POS = np.concatenate([r["pos_x"] for r in recordings()])
-
-
-def laid_out(effect, seed=0) -> tuple[Mismatch, Noise]:
-    """effect : state -> (n,), A, beside white noise; and that noise as it is."""
-    states = axis_states(list(recordings()), "x")
-    rng = np.random.default_rng(seed)
-    mismatch = lay_out(states, [effect(s) + rng.normal(0, NOISE, len(s.time)) for s in states])
-    return mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-
-
-def library_of(mismatch, noise, *terms):
-    library = Library(mismatch, terms or [Term(VISCOUS)])
-    library.whiten(noise)
-    return library
-
-
-def nothing(state):
-    return np.zeros(len(state.time))
 
 
 @pytest.mark.parametrize(("harmonics", "amplitudes"), [(0.0, 2), (1.0, 4)])
@@ -135,145 +99,6 @@ def test_what_is_more_of_a_simulated_mechanism_in_a_box_only_is_no_wrong_coeffic
     assert (term.name, term.gates[0].variable) == ("viscous_friction", "v_y")
 
 
-@pytest.mark.parametrize(("level", "begin", "end"), [(0.15, 10.0, 14.0), (-0.2, 2.0, 4.0)])
-def test_a_force_over_an_interval_is_found_in_its_part_and_stays_there(level, begin, end):
-    mismatch, noise = laid_out(lambda s: level * ((s.part == "p1") & (s.time >= begin) & (s.time < end)))
-    found = find_events(mismatch, noise, mismatch.target / NOISE)
-    ((part, first, last),) = found.intervals
-    assert part == "p1"
-    assert (first, last) == (pytest.approx(begin, abs=0.25), pytest.approx(end, abs=0.25))
-    seen = [found.regressors(state).any() for state in mismatch.states]
-    assert seen == [False, True, False]
-    assert found.conditions("x", {})[0].startswith("x axis, over single intervals")
-
-
-FORCES = (("p0", 3.0, 10.0, 0.1), ("p0", 20.0, 23.0, 0.12), ("p1", 7.0, 11.0, -0.12), ("p1", 12.5, 20.0, 0.1))
-
-
-def forced(state):
-    t, of = state.time, [f for f in FORCES if f[0] == state.part]
-    return sum((level * ((t >= begin) & (t < end)) for _, begin, end, level in of), nothing(state))
-
-
-def test_several_forces_are_no_scatter_to_one_another():
-    mismatch, noise = laid_out(forced)
-    found = find_events(mismatch, noise, mismatch.target / NOISE)
-    assert [part for part, _, _ in found.intervals] == [part for part, *_ in FORCES]
-    np.testing.assert_allclose([i[1:] for i in found.intervals], [f[1:3] for f in FORCES], atol=0.5)
-
-
-def test_laws_that_forces_over_intervals_have_made_up_give_way_to_them():
-    mismatch, noise = laid_out(forced)
-    laws = [t for m in CATALOGUE if m.id in ("position_dependent_friction", "torque_ripple", "presliding_hysteresis")
-            for t in grid_terms(m, mismatch.states)]  # fmt: skip
-    library = library_of(mismatch, noise, *laws)
-    assert select_terms(library, noise, in_time=False) != []
-    assert [t.name for t in select_terms(library, noise)] == ["external_force"]
-
-
-def slowly_noisy(effect, seed=0) -> tuple[Mismatch, Noise]:
-    """effect : state -> (n,), A, beside noise that remembers ten samples; and what is known of that noise."""
-    states, rng = axis_states(list(recordings()), "x"), np.random.default_rng(seed)
-    noise = [lfilter([0.2 * NOISE], [1, -0.9], rng.normal(size=len(s.time))) for s in states]
-    mismatch = lay_out(states, [effect(s) + e for s, e in zip(states, noise, strict=True)])
-    return mismatch, estimate_noise(np.concatenate(noise), mismatch.starts, mismatch.noise_class, mismatch.usable)
-
-
-def test_forces_that_last_for_much_of_the_time_are_no_constant_beside_them():
-    long = {"p0": ((4.0, 11.0), (19.0, 24.0)), "p1": ((9.0, 17.0),), "p2": ((1.0, 6.0), (14.0, 21.0))}
-    mismatch, _ = slowly_noisy(lambda s: 0.3 * sum(((s.time > i) & (s.time < j) for i, j in long[s.part]), nothing(s)))
-    rng = np.random.default_rng(0)
-    (force,) = search(first_look(mismatch, rng), 1, False, rng).terms
-    assert force.name == "external_force"
-
-
-def test_short_forces_whose_ends_are_a_few_rows_beside_the_true_ones_are_proved():
-    begins = {"p0": (2.0, 9.0, 17.0, 25.0), "p1": (4.0, 13.0, 20.0, 27.0), "p2": ()}
-    mismatch, noise = slowly_noisy(
-        lambda s: 0.15 * sum(((s.time >= b) & (s.time < b + 2.0) for b in begins[s.part]), nothing(s))
-    )
-    late = Term(ExternalForce(tuple((part, b + 0.2, b + 2.2) for part, of in begins.items() for b in of)))
-    assert confirm(library_of(mismatch, noise), noise, [late], Answer("x"), 20) == [late]
-
-
-@pytest.mark.parametrize(("level", "stands"), [(0.35, False), (0.7, True)])
-def test_an_interval_is_judged_as_the_clearest_of_all_that_were_looked_at(level, stands):
-    """The first is five standard errors high: noise alone has such an interval in one recording of some."""
-    mismatch, noise = laid_out(lambda s: level * NOISE * ((s.part == "p1") & (s.time >= 10.0) & (s.time < 14.0)))
-    force = Term(ExternalForce((("p1", 10.0, 14.0),)))
-    assert bool(confirm(library_of(mismatch, noise), noise, [force], Answer("x"), 1)) == stands
-
-
-def test_a_force_is_compared_with_a_law_on_other_seconds_of_its_own_part(monkeypatch):
-    mismatch, noise = slowly_noisy(lambda s: 2 * forced(s))
-    forces = Term(ExternalForce(tuple(f[:3] for f in FORCES)))
-    drift = next(m for m in CATALOGUE if m.id == "thermal_drift")
-    law = Term(drift, (("tau", 64.0), ("clock", 1.0), ("along", 0.0), ("rises", 0.0)))
-    library = library_of(mismatch, noise)
-    assert confirm(library, noise, [law], Answer("x"), 20) == [law]
-    monkeypatch.setattr("pido.diagnosis.identify.select_terms", lambda *_, **__: [law])
-    assert seen_slowly(library, noise, [forces], 20)[0] == [forces]
-
-
-def test_noise_alone_has_no_events_and_no_rhythm():
-    for seed in range(10):
-        mismatch, noise = laid_out(nothing, seed)
-        assert find_events(mismatch, noise, mismatch.target / NOISE) is None
-        assert find_rhythms(mismatch, noise, mismatch.target / NOISE) == []
-
-
-@pytest.mark.parametrize("level", [0.0, 0.6])
-def test_noise_that_is_slow_at_standstill_makes_no_events_and_hides_no_large_one(level):
-    def rests(recording):
-        t = recording["time"]
-        columns = {name: recording[name] * (t % 8.0 < 4.0 if name == "v_x" else 1.0) for name in recording.columns}
-        return Recording(recording.part, columns)
-
-    rng = np.random.default_rng(3)
-    states = axis_states([rests(r) for r in recordings()], "x")
-    slow = [np.convolve(rng.normal(0, 0.15, len(s.time) + 49), np.ones(50) / np.sqrt(50), "valid") for s in states]
-    event = [level * ((s.part == "p1") & (s.time >= 20.5) & (s.time < 23.5)) for s in states]
-    targets = [
-        rng.normal(0, NOISE, len(s.time)) + e + ~s.moving * w for s, w, e in zip(states, slow, event, strict=True)
-    ]
-    mismatch = lay_out(states, targets)
-    found = find_events(
-        mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable), mismatch.target / NOISE
-    )
-    parts = [part for part, first, last in found.intervals if 20 < first < last < 24] if found else []
-    assert parts == ["p1"] * (level > 0)
-    assert level > 0 or found is None
-
-
-@pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize(("size", "found"), [(5.5, False), (9.0, True)])
-def test_a_level_that_few_others_are_there_to_compare_with_has_to_be_the_clearer(size, found, seed):
-    """The tool cuts for 8 s of each part only."""
-    rng = np.random.default_rng(seed)
-    cuts = [r.with_columns(mrr_sim=50.0 * ((r.time >= 8.0) & (r.time < 16.0))) for r in recordings()]
-    states = axis_states(cuts, "x")
-    noises = [rng.normal(0, NOISE, len(s.time)) for s in states]
-    level = (states[1].time >= 10.0) & (states[1].time < 14.0)
-    noises[1][level] += size * NOISE / np.sqrt(level.sum()) - noises[1][level].mean()
-    mismatch = lay_out(states, noises)
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-    assert (find_events(mismatch, noise, mismatch.target / NOISE) is not None) == found
-
-
-@pytest.mark.parametrize(("begin", "end", "found"), [(12.0, 16.0, False), (12.8, 15.0, True), (9.0, 15.0, True)])
-def test_what_stays_from_a_stop_to_the_next_motion_is_no_force(begin, end, found):
-    def rests(recording):
-        t = recording["time"]
-        return recording.with_columns(v_x=np.where((t >= 12.0) & (t < 16.0), 0.0, recording["v_x"]))
-
-    rng = np.random.default_rng(3)
-    states = axis_states([rests(r) for r in recordings()], "x")
-    level = [0.3 * ((s.part == "p1") & (s.time >= begin) & (s.time < end)) for s in states]
-    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(s.time)) for s, e in zip(states, level, strict=True)])
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-    assert (find_events(mismatch, noise, mismatch.target / NOISE) is not None) == found
-
-
 def test_noise_that_grows_with_the_load_has_a_level_per_quarter_of_it():
     rng = np.random.default_rng(4)
 
@@ -291,27 +116,6 @@ def test_noise_that_grows_with_the_load_has_a_level_per_quarter_of_it():
     heavy, light = noise.level[force > 1700], noise.level[force < 400]
     assert np.median(heavy) == pytest.approx(1e-4 * 1750, rel=0.2)
     assert np.median(light) < 0.3 * np.median(heavy)
-
-
-@pytest.mark.parametrize("period", [0.37, 3.1])
-def test_a_wave_in_time_is_found_with_its_period(period):
-    mismatch, noise = laid_out(lambda s: 0.04 * np.sin(2 * np.pi * s.clock / period))
-    rhythm, found = find_rhythms(mismatch, noise, mismatch.target / NOISE)[0]
-    assert isinstance(rhythm, Rhythm)
-    assert found == pytest.approx(period, rel=0.03)
-
-
-def test_a_rhythm_on_the_machines_clock_runs_on_through_the_pauses():
-    states = axis_states(list(recordings(2)), "x")
-    waves = [Rhythm(clock=True).regressors(s, T=7.0)[:, 0] for s in states]
-    np.testing.assert_allclose(waves[1], np.sin(2 * np.pi * (100.0 + states[1].time) / 7.0), atol=1e-12)
-    alone = Rhythm(clock=False).regressors(states[1], T=7.0)[:, 0]
-    np.testing.assert_allclose(alone, waves[0], atol=1e-12)
-
-
-def test_levels_of_intervals_are_numbered_amplitudes():
-    force = ExternalForce((("p0", 1.0, 2.0), ("p2", 3.0, 5.0)))
-    assert [(a.name, a.unit) for a in force.amplitudes] == [("F_1", "A"), ("F_2", "A")]
 
 
 def test_what_no_mechanism_describes_becomes_one_unknown_over_the_right_quantity():
