@@ -245,13 +245,8 @@ class Space:
 
 
 def space_of(mismatch: Mismatch) -> Space | None:
-    """The space of v_x, v_y and AR, as far as a recording has them and they vary; None where none does.
-
-    What depends on how fast its own axis goes, either way, is a law of that speed: limits of it are not offered cheaper
-    than those of v_x.
-    """
-    offered = [v for v in (*VARIABLES, *EITHER_WAY) if v != f"|v_{mismatch.axis}|"]
-    variables = {v: values for v in offered if (values := _values(mismatch, v)) is not None}
+    """The space of v_x, v_y and AR, as far as a recording has them and they vary; None where none does."""
+    variables = {v: values for v in (*VARIABLES, *EITHER_WAY) if (values := _values(mismatch, v)) is not None}
     if not variables:
         return None
     places = places_in(variables, mismatch.usable)

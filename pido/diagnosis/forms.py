@@ -15,6 +15,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import cross_residual, even, plain_errors
+from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.late import Lagged
 from pido.diagnosis.library import Library, basis
@@ -284,6 +285,8 @@ def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
     for other in library.terms:
         if other.mechanism.id not in _STEADY[along] or (other.name in taken and not terms[at].gates):
             continue
+        if terms[at].gates and other.mechanism.id in CONSTANT:
+            other = Term(LEVEL)  # what is constant in a box only is neither a weight nor a wrong zero
         trial = [*terms[:at], replace(other, gates=terms[at].gates), *terms[at + 1 :]]
         if not _lacks_little(*_left(library.mismatch, rest, trial, terms), share=lacks):
             continue

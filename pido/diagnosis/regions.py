@@ -43,6 +43,7 @@ _ROUNDS = 4
 _SHARES = (1.0, 0.1, 0.01)  # of the values between two places, among which a limit is moved at last
 _NEAR = 6  # places, on either side of a limit, that are tried with those spread over all
 _REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where, not to how fast
+_OF_THE_CUT = frozenset({"force", "m_sp", "mrr", "engaged", "ar", "coolant"})  # fields of a state
 _NEAR_IT = 0.7  # of what is asked of a box, that it has to bring before its limits are known to the row
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
 _BEFORE = 2.5  # times a row itself, in units of noise, that the whitened row may be
@@ -236,7 +237,7 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
             if variable == but:
                 continue
             own = [_limit(g) for g in score.term.gates if g.variable == variable]
-            if variable in EITHER_WAY and not (own or but):
+            if variable in EITHER_WAY and not (own or (but and _may_limit(library, variable, score.term))):
                 continue
             limits = space.between_rows(variable, own, share) if share else _limits_near(at, own)
             if len(limits):
@@ -245,6 +246,14 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
         if _with_limits(best) > _with_limits(score) - 1.0:
             return score
         score = best
+
+
+def _may_limit(library: Library, speed: str, term: Term) -> bool:
+    """Whether a speed without its sign may limit a term: not that of the own axis, unless the term is of the cut.
+
+    What the motion alone says, and depends on how fast its axis goes either way, is a law of that speed.
+    """
+    return speed != f"|v_{library.mismatch.axis}|" or not _OF_THE_CUT.isdisjoint(term.mechanism.follows_from)
 
 
 def _otherwise(library: Library, current: Basis, score: Score, space: Space) -> Score:

@@ -35,6 +35,7 @@ MANY = 4  # laws on one axis
 _MOST = 0.5  # of what all take away of the mean square on unseen folds, that one of few does alone
 _NEARLY_ALL = 0.75  # the same of two
 _TAKEN_BACK = 0.5  # of the power that two laws have each by itself, below which their sum has little of either
+_CONSTANT_BACK = 0.7  # the same of a constant beside a law without a name, which may well have one of its own
 
 
 def one_for_many(
@@ -115,18 +116,25 @@ def opposed(terms: Sequence[Term], effects: Sequence[Float1D]) -> tuple[int, int
 
     effects : per term (n,), A, on usable rows
     One of them has to bend the other: a drift, or a law in a box. Two laws that act everywhere may well oppose each
-    other.
+    other; a wrong zero and a law without a name hardly do.
     """
-    most, which = _TAKEN_BACK, None
+    most, which = 1.0, None
     for (i, a), (j, b) in itertools.combinations(enumerate(terms), 2):
-        if not (_bends(a) or _bends(b)) or not all(map(_is_law, (a, b))) or _belong_together(a, b):
-            continue
+        limit = _may_oppose(a, b)
         power = float(effects[i] @ effects[i] + effects[j] @ effects[j])
         both = effects[i] + effects[j]
         left = float(both @ both) / max(power, 1e-300)
-        if left < most:
+        if left < min(limit, most):
             most, which = left, (i, j)
     return which
+
+
+def _may_oppose(a: Term, b: Term) -> float:
+    """Below how much of their power the sum of two terms makes them one; 0 where each stands by itself."""
+    if {a.name, b.name} == {"sensor_offset", "unknown"}:
+        return _CONSTANT_BACK
+    may = (_bends(a) or _bends(b)) and all(map(_is_law, (a, b))) and not _belong_together(a, b)
+    return _TAKEN_BACK if may else 0.0
 
 
 def _bends(term: Term) -> bool:

@@ -84,6 +84,7 @@ STANDSTILL = friction("standstill_friction", rest=0.0)
 STRIBECK = friction("stribeck_friction", v_s=2.0, delta=1.0, rest=1.0)
 VISCOUS = friction("viscous_friction")
 ALONG = replace(friction("position_dependent_friction", form=1.0, L=60.0, p_0=0.0), gates=(Gate("AR", low=2.0),))
+ZERO = friction("sensor_offset")
 NAMELESS = Term(Formula((("a_x", "u"),), "mm/s²"))
 BOX = replace(VISCOUS, gates=(Gate("AR", low=2.0),))
 
@@ -101,6 +102,8 @@ BOX = replace(VISCOUS, gates=(Gate("AR", low=2.0),))
         ((COULOMB, BOX), 0.7, (0, 1)),
         ((NAMELESS, BOX), 0.7, (0, 1)),
         ((NAMELESS, VISCOUS), 0.7, None),
+        ((ZERO, NAMELESS), 0.5, (0, 1)),  # a law without a name has a constant of its own
+        ((ZERO, VISCOUS), 0.7, None),
     ],
 )
 def test_two_laws_that_take_most_of_each_other_back_are_one_without_a_name(two, back, which):
