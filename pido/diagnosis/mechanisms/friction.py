@@ -106,7 +106,7 @@ class CoulombFriction(Sliding):
     """Friction of constant size against the motion (Coulomb 1785)."""
 
     id = "coulomb_friction"
-    equation = "dI = F_c * sgn(v), at rest 0 or held"
+    equation = "dI = F_c * sgn(v), at rest 0 or held, or with tanh(v / v_0) for sgn(v)"
     amplitudes = (Parameter("F_c", "A", low=0.0),)
     shape = (_REST, _V_0)
     summary = "whenever the {axis} axis moves, against its direction"
@@ -150,7 +150,10 @@ class StribeckFriction(Sliding):
 
     id = "stribeck_friction"
     transient = True
-    equation = "dI = (F_s - F_c) * exp(-(|v| / v_s)^delta) * sgn(v), at rest 0 or with the sign of the last motion"
+    equation = (
+        "dI = (F_s - F_c) * exp(-(|v| / v_s)^delta) * sgn(v), at rest 0 or with the sign of the last motion, "
+        "or with tanh(v / v_0) for sgn(v)"
+    )
     amplitudes = (Parameter("F_s - F_c", "A", low=0.0),)
     shape = (
         Parameter("v_s", "mm/s", low=0.05, high=40.0, scale="log", points=9),
@@ -214,7 +217,7 @@ class FrictionAsymmetry(Sliding):
     id = "friction_asymmetry"
     equation = (
         "dI = (dF_c + dF_v * |v|) on one side, in opposite halves, or on one side and back times as much on the other, "
-        "at rest 0 or held"
+        "at rest 0 or held, or with tanh(v / v_0) for sgn(v)"
     )
     amplitudes = (Parameter("dF_c", "A"), Parameter("dF_v", "A/(mm/s)"))
     shape = (
@@ -271,7 +274,7 @@ class LoadDependentFriction(Sliding):
     """
 
     id = "load_dependent_friction"
-    equation = "dI = mu * |F_perp| * sgn(v), at rest 0 or held"
+    equation = "dI = mu * |F_perp| * sgn(v), at rest 0 or held, or with tanh(v / v_0) for sgn(v)"
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
     shape = (choice("across", 3), _REST, _V_0)
     axes = LINEAR_AXES
@@ -311,7 +314,8 @@ class PositionDependentFriction(Sliding):
     id = "position_dependent_friction"
     becomes = frozenset({"coulomb_friction"})
     equation = (
-        "dI = g(pos) * sgn(v), at rest 0 or held; g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
+        "dI = g(pos) * sgn(v), at rest 0 or held, or with tanh(v / v_0) for sgn(v); "
+        "g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
         "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L; "
         "beside Coulomb's friction without a mean: G_1 * u + G_2 * (u^2 - 1/3), p_0 in the middle; "
         "or piecewise linear through G_n at places evenly spaced from u = -1 to 1"
