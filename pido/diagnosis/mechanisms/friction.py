@@ -385,7 +385,7 @@ class PositionDependentFriction(Sliding):
         bend = [(form, span / 2, (low + high) / 2) for form in (1.0, *_PLACES)]
         places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
         forms = (*waves, *bend, *places)
-        return tuple({"form": f, "L": L, "p_0": p, "rest": rest} for rest in (0.0, 2.0) for f, L, p in forms)
+        return _at_and_off_rest(forms)
 
     def suggest(self, states, left):
         """The stretch of the travel whose friction stands out most from the rest of it, and the waves along it."""
@@ -403,7 +403,7 @@ class PositionDependentFriction(Sliding):
         stretch = best_stretch(pos, level, low, high)
         if stretch is not None:
             shapes.append((2.0, (stretch[1] - stretch[0]) / 3, sum(stretch) / 2))
-        return tuple({"form": f, "L": L, "p_0": p, "rest": rest} for rest in (0.0, 2.0) for f, L, p in shapes)
+        return _at_and_off_rest(shapes)
 
     def around(self, name, shape, states):
         low, high = _ends(states)
@@ -428,6 +428,12 @@ class PositionDependentFriction(Sliding):
             return text, (f"pos_{axis} > {low:.4g}", f"pos_{axis} < {high:.4g}")
         how = f"repeats every {L:.3g} mm" if form in (0, 3) else "changes steadily along the travel"
         return f"{axis} axis in motion, friction {how}", (f"v_{axis} != 0",)
+
+
+def _at_and_off_rest(forms: Sequence[tuple[float, float, float]]) -> tuple[dict[str, float], ...]:
+    """Forms (form, L, p_0) of a friction along the travel as shapes: zero at rest, and held there."""
+    settled = {"v_0": _RISES_MM_S[0]}
+    return tuple({"form": f, "L": L, "p_0": p, "rest": rest} | settled for rest in (0.0, 2.0) for f, L, p in forms)
 
 
 def _ends(states: Sequence[AxisState]) -> tuple[float, float]:
