@@ -246,10 +246,10 @@ def _without_places(library: Library, terms: list[Term]) -> list[Term]:
 def _coulomb(library: Library, like: Term) -> Term | None:
     """Coulomb's friction, at rest as another friction is there."""
     offered = next((t for t in library.terms if t.mechanism.id == "coulomb_friction"), None)
-    return None if offered is None else offered.with_shape(**_at_rest(like))
+    return None if offered is None else offered.with_shape(**_rest_of(like))
 
 
-def _at_rest(term: Term) -> dict[str, float]:
+def _rest_of(term: Term) -> dict[str, float]:
     """What a friction does at rest, of its shape."""
     return {"rest": 0.0} | {name: value for name, value in term.shape if name in ("rest", "v_0")}
 
@@ -262,7 +262,7 @@ def _without_mean(library: Library, term: Term) -> Term | None:
     if shape["form"] >= 1:
         shape = {
             **next(s for s in term.mechanism.starts(library.mismatch.states) if s["form"] == 1),
-            **_at_rest(term),
+            **_rest_of(term),
         }
     return replace(term, shape=tuple({**shape, "form": 3.0 + (shape["form"] > 0)}.items()))
 

@@ -14,6 +14,7 @@ from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise, estimate_noise
+from tests.diagnosis.planted import white
 from tests.diagnosis.to_and_fro import NOISE, laid_out, library_of, nothing, recordings
 
 
@@ -131,9 +132,7 @@ def test_noise_that_is_slow_at_standstill_makes_no_events_and_hides_no_large_one
         rng.normal(0, NOISE, len(s.time)) + e + ~s.moving * w for s, w, e in zip(states, slow, event, strict=True)
     ]
     mismatch = lay_out(states, targets)
-    found = find_events(
-        mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable), mismatch.target / NOISE
-    )
+    found = find_events(mismatch, white(mismatch), mismatch.target / NOISE)
     parts = [part for part, first, last in found.intervals if 20 < first < last < 24] if found else []
     assert parts == ["p1"] * (level > 0)
     assert level > 0 or found is None
@@ -150,7 +149,7 @@ def test_a_level_that_few_others_are_there_to_compare_with_has_to_be_the_clearer
     level = (states[1].time >= 10.0) & (states[1].time < 14.0)
     noises[1][level] += size * NOISE / np.sqrt(level.sum()) - noises[1][level].mean()
     mismatch = lay_out(states, noises)
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    noise = white(mismatch)
     assert (find_events(mismatch, noise, mismatch.target / NOISE) is not None) == found
 
 
@@ -164,7 +163,7 @@ def test_what_stays_from_a_stop_to_the_next_motion_is_no_force(begin, end, found
     states = axis_states([rests(r) for r in recordings()], "x")
     level = [0.3 * ((s.part == "p1") & (s.time >= begin) & (s.time < end)) for s in states]
     mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(s.time)) for s, e in zip(states, level, strict=True)])
-    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    noise = white(mismatch)
     assert (find_events(mismatch, noise, mismatch.target / NOISE) is not None) == found
 
 

@@ -5,14 +5,11 @@ import numpy as np
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.library import Library
-from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
-
-NOISE = 0.05
-VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
+from tests.diagnosis.planted import NOISE, VISCOUS, white
 
 
 def recordings(count=3, rows=1500):
@@ -32,7 +29,7 @@ def laid_out(effect, seed=0) -> tuple[Mismatch, Noise]:
     states = axis_states(list(recordings()), "x")
     rng = np.random.default_rng(seed)
     mismatch = lay_out(states, [effect(s) + rng.normal(0, NOISE, len(s.time)) for s in states])
-    return mismatch, Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    return mismatch, white(mismatch)
 
 
 def library_of(mismatch, noise, *terms):

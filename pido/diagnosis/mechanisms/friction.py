@@ -432,8 +432,9 @@ class PositionDependentFriction(Sliding):
 
 def _at_and_off_rest(forms: Sequence[tuple[float, float, float]]) -> tuple[dict[str, float], ...]:
     """Forms (form, L, p_0) of a friction along the travel as shapes: zero at rest, and held there."""
-    settled = {"v_0": _RISES_MM_S[0]}
-    return tuple({"form": f, "L": L, "p_0": p, "rest": rest} | settled for rest in (0.0, 2.0) for f, L, p in forms)
+    return tuple(
+        {"form": f, "L": L, "p_0": p, "rest": rest, "v_0": _RISES_MM_S[0]} for rest in (0.0, 2.0) for f, L, p in forms
+    )
 
 
 def _ends(states: Sequence[AxisState]) -> tuple[float, float]:
