@@ -187,14 +187,16 @@ def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:
     n, get = len(samples), {name: samples.inputs[:, k] for name, k in _AT.items()}
     far = np.full(n, np.inf)
     motions = {
-        a: Motion(get[f"v_{a}"], get[f"a_{a}"], samples.direction[:, k], np.abs(get[f"v_{a}"]) > bands[k])
+        a: Motion(get[f"v_{a}"], get[f"a_{a}"], held, moving, held * moving)
         for k, a in enumerate(AXES)
+        for held, moving in [(samples.direction[:, k], np.abs(get[f"v_{a}"]) > bands[k])]
     }
     own = motions.pop(axis)
     forces = {a: get[f"f_{a}_sim"] for a in LINEAR_AXES}
     return AxisState(
         axis=axis, part="", time=np.arange(n, dtype=float), dt=0.0, pos=None, v=own.v, a=own.a, held=own.held,
-        moving=own.moving, since_reversal=far, since_reversal_s=far, segment=np.zeros(n), others=motions,
+        moving=own.moving, along=own.along, since_reversal=far, since_reversal_s=far, segment=np.zeros(n),
+        others=motions,
         force=forces.get(axis), forces=forces, force_perp=np.sqrt(sum(f**2 for a, f in forces.items() if a != axis)),
         m_sp=get["m_sp_sim"], mrr=get["mrr_sim"], ar=samples.ar, engaged=get["mrr_sim"] > 0,
         usable=np.ones(n, bool),

@@ -280,9 +280,7 @@ def polarity(mismatch: Mismatch) -> float:
     current = mismatch.target + (mismatch.sim if mismatch.sim is not None and not len(mismatch.base) else 0.0)
     direction, a, force, idle = (
         np.concatenate(rows)
-        for rows in zip(
-            *((s.held * s.moving, s.a, _or_zero(s.force, s.v), _idle(s)) for s in mismatch.states), strict=True
-        )
+        for rows in zip(*((s.along, s.a, _or_zero(s.force, s.v), _idle(s)) for s in mismatch.states), strict=True)
     )
     rows = mismatch.usable & np.isfinite(current)
 

@@ -23,6 +23,9 @@ SEARCH_ROWS = 40_000  # rows that a search looks at; a longer record is averaged
 BLOCKS = 160  # blocks in all, at most, that uncertainty is counted in
 _SHORTEST_BLOCK_S = 1.0  # whitened rows forget within a few samples; what whitening misses is forgotten within this
 _SLOWEST_SEARCH_HZ = 20.0  # a search never averages below this rate: reversals last a tenth of a second
+# Fields whose means over the rows that a search averages stand for them.
+_OF_MOTION = ("v", "a", "held", "along")
+_OF_LOAD = ("force", "forces", "force_perp", "m_sp", "mrr", "ar", "sim", "sims", "curr")
 
 Rows = TypeVar("Rows")
 
@@ -108,7 +111,7 @@ def lay_out(
 
     targets : per part (n_p,), NaN where recorded or simulated current is missing
     bases : per part (b, n_p); none where the simulated current is given
-    stride : every stride-th row, the target averaged over that many
+    stride : so many rows are averaged into one
     """
     thin = [_thin(s, stride) for s in states]
     target = np.concatenate([_box(t, stride) for t in targets])
@@ -164,8 +167,28 @@ def _take(value: Any, rows: slice, n: int) -> Any:
 
 
 def _thin(state: AxisState, stride: int) -> AxisState:
+    """A row in the middle of every `stride` rows, with the means of what acts in proportion to itself.
+
+    Of the direction, too: where the axis turns within a row, its friction is a part of itself there, as in the target.
+    """
+    if stride == 1:
+        return state
     n = len(state.time)
-    return state if stride == 1 else take_rows(state, slice(stride // 2, (n // stride) * stride, stride), n)
+    thin = take_rows(state, slice(stride // 2, (n // stride) * stride, stride), n)
+    others = {a: _means(motion, thin.others[a], _OF_MOTION, stride) for a, motion in state.others.items()}
+    usable = _box(state.usable.astype(float), stride) == 1.0
+    return replace(_means(state, thin, (*_OF_MOTION, *_OF_LOAD), stride), others=others, usable=usable)
+
+
+def _means(whole: Rows, thin: Rows, names: Sequence[str], stride: int) -> Rows:
+    """`thin` with the means of some fields of `whole`, arrays or mappings of them."""
+
+    def mean(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {k: mean(v) for k, v in value.items()}
+        return None if value is None else _box(value, stride)
+
+    return replace(thin, **{name: mean(getattr(whole, name)) for name in names})  # type: ignore[type-var]
 
 
 def _box(values: Float2D, stride: int) -> Float2D:

@@ -34,6 +34,7 @@ _NOISE_FACTOR = 5.0  # of a speed's noise at standstill: a larger speed is motio
 class Motion:
     """Motion of another axis, (n,) each: mm/s, mm/s² (spindle deg/s, deg/s²), -1/0/+1, bool.
 
+    along : -1/0/+1, the direction while it moves, 0 at standstill; of averaged rows the mean, as of `held`
     wrong : rows in which one of its signals is faulty, None where none is
     """
 
@@ -41,6 +42,7 @@ class Motion:
     a: Float1D
     held: Float1D
     moving: Bool1D
+    along: Float1D
     wrong: Bool1D | None = None
 
 
@@ -48,7 +50,7 @@ class Motion:
 class AxisState:
     """One axis of one part, (n,) each unless said otherwise. Optional fields are None where the data do not give them.
 
-    held : sign of the last real motion, 0 while unknown; moving : |v| above the dead band
+    held : sign of the last real motion, 0 while unknown; moving : |v| above the dead band; along : `held` while moving
     since_reversal : mm (deg) travelled, and since_reversal_s : s passed, since the last reversal; inf before the first
     segment : number of reversals so far
     way : mm (deg) travelled since the part began
@@ -76,6 +78,7 @@ class AxisState:
     a: Float1D
     held: Float1D
     moving: Bool1D
+    along: Float1D
     since_reversal: Float1D
     since_reversal_s: Float1D
     segment: Float1D
@@ -165,7 +168,7 @@ def _state(
     own = motions.pop(axis, None)
     if own is None:
         zero = np.zeros(len(time))
-        own = Motion(zero, zero, zero, zero.astype(bool))
+        own = Motion(zero, zero, zero, zero.astype(bool), zero)
     pos = _position(recording, axis)
     since, since_s, segment = _since_reversal(time, own, pos)
     forces = {a: f for a in LINEAR_AXES if (f := _numbers(recording, FORCE_SIM[a])) is not None}
@@ -203,6 +206,7 @@ def _state(
         a=own.a,
         held=own.held,
         moving=own.moving,
+        along=own.along,
         since_reversal=since,
         since_reversal_s=since_s,
         segment=segment,
@@ -259,7 +263,8 @@ def motion(recording: Recording, axis: str, bands: Mapping[str, float]) -> Motio
         return None
     if a is None:
         a = np.gradient(v, recording.time) if len(v) > 1 else np.zeros(len(v))
-    return Motion(v, a, held_direction(v, bands[axis]), np.abs(v) > bands[axis])
+    held, moving = held_direction(v, bands[axis]), np.abs(v) > bands[axis]
+    return Motion(v, a, held, moving, held * moving)
 
 
 def _speed(recording: Recording, axis: str) -> Float1D | None:

@@ -153,7 +153,7 @@ class AxisCoupling(Mechanism):
         if other is None or LINEAR_AXES[j] == state.axis:
             return nothing(state)
         right = np.ones(len(state.time)) if other.wrong is None else ~other.wrong
-        return column((other.a, other.v * other.moving, other.held * other.moving)[kind] * right)
+        return column((other.a, other.v * other.moving, other.along)[kind] * right)
 
     def equation_in(self, axis, shape):
         j, kind = divmod(which(shape["source"], 9), 3)

@@ -44,7 +44,7 @@ def direction(state: AxisState, rest: float = 0.0, v_0: float = _RISES_MM_S[0]) 
     form = round(rest)
     if form == _SMOOTH:
         return np.tanh(np.nan_to_num(state.v) / v_0)
-    return _turned(state, form) if form else state.held * state.moving
+    return _turned(state, form) if form else state.along
 
 
 def _turned(state: AxisState, form: int) -> Float1D:
@@ -194,7 +194,7 @@ class StandstillFriction(Mechanism):
     summary = "{axis} axis, at standstill, with the sign of its last motion"
 
     def regressors(self, state, *, rest=0.0):
-        return column((_turned(state, round(rest)) if round(rest) else state.held) * ~state.moving)
+        return column(_turned(state, round(rest)) * ~state.moving if round(rest) else state.held - state.along)
 
     def equation_in(self, axis, shape):
         rest = shape.get("rest", 0.0)
