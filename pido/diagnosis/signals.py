@@ -31,6 +31,7 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     "rested_{}": "how long the axis stood before it moved, at most 60 s, 0 at rest",
     "I_{}": "simulated current",
     "I_all": "simulated currents of all axes together, without their signs",
+    "removed": "volume removed since the part began",
     "feed": "speed along the path",
     "feed_rev": "feed per revolution of the spindle, 0 while it stands",
     "a_n": "acceleration across the path",
@@ -86,6 +87,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         "t_cut": (lambda: _since_change(state.time, state.engaged, state.engaged), "s"),
         "M_sp": (state.m_sp, "N·m"),
         "MRR": (state.mrr, "mm³/s"),
+        "removed": (lambda: _so_far(state.time, state.mrr), "mm³"),
         "AR": (state.ar, "mm²"),
         "coolant": (state.coolant, "–"),
         "pos_sp": (state.angle, "deg"),
@@ -123,6 +125,11 @@ def meanings(text: str, axis: str) -> list[str]:
 def _jerk(state: AxisState) -> Float1D | None:
     """Over the step between the rows at hand, which may be thinned."""
     return np.gradient(state.a, float(np.median(np.diff(state.time)))) if len(state.time) > 1 else None
+
+
+def _so_far(time: Float1D, rate: Float1D | None) -> Float1D | None:
+    """(n,) – integral of a rate, which is taken to hold until the next sample."""
+    return None if rate is None else np.cumsum(np.nan_to_num(rate) * np.diff(time, prepend=time[:1]))
 
 
 def _feed(state: AxisState) -> Float1D | None:

@@ -25,7 +25,7 @@ from pido.physics.friction import held_direction
 
 _LINEAR_DEAD_BAND = 0.02  # mm/s
 _SPINDLE_DEAD_BAND = 6.0  # deg/s
-_CREEPS = 0.01  # of all samples, at one steady speed below the usual band: it is a feed, and no trembling
+_CREEPS = 0.002  # of all samples, at one steady speed below the usual band: it is a feed, and no trembling
 _NOTHING = 0.05  # of the usual band
 _NOISE_FACTOR = 5.0  # of a speed's noise at standstill: a larger speed is motion
 

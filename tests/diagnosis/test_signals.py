@@ -305,3 +305,14 @@ def test_a_corner_that_loads_an_axis_is_a_law_of_what_turns_the_path():
     assert isinstance(term.mechanism, Formula)
     assert term.mechanism.reads == {"a_n"}
     assert [p.unit for p in term.mechanism.amplitudes] == ["A/(mm/s²)"]
+
+
+def test_a_workpiece_gets_lighter_by_what_was_removed_of_it():
+    def cuts(k, recording):
+        rate = np.where(np.arange(len(recording.time)) // 300 % 2, 100.0 + 40 * k, 0.0)
+        return Recording(recording.part, {**recording.columns, "mrr_sim": rate})
+
+    def lighter(state):
+        return -state.a * np.cumsum(state.mrr)
+
+    assert found_in(lighter, change=cuts).mechanism.equation == "dI = k * a_x * removed"

@@ -1,0 +1,36 @@
+"""What a simulation is made of, read from its own current."""
+
+import numpy as np
+import pytest
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.contained import contained
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.state import axis_states
+from tests.diagnosis.planted import NOISE, white
+
+
+def _recordings(force, feeds=(0.3, 0.7, 1.8, 15.0), count=3):
+    """x goes to and fro at a few feeds, with stops; force : v -> (n,), A, which is all that is simulated."""
+    for k in range(count):
+        rng = np.random.default_rng(k)
+        v = np.repeat(rng.choice(feeds, 100) * rng.choice([-1, 0, 1], 100), 40)
+        v = np.convolve(v, np.ones(5) / 5, "same")
+        v = np.where(np.abs(v) < 1e-9, 0.0, v)
+        t = np.arange(len(v)) * 0.02
+        columns = {"time": t, "v_x": v, "pos_x": np.cumsum(v) * 0.02, "a_x": np.gradient(v, t), "curr_x_sim": force(v)}
+        yield Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)
+
+
+@pytest.mark.parametrize("v_s", [1.0, 2.5])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_friction_that_falls_with_speed_is_coulombs_and_stribecks(v_s, seed):
+    """Neither is all of it what falls with the speed, nor is there anything beside the two."""
+    falls = _recordings(lambda v: (0.7 + 0.48 * np.exp(-((np.abs(v) / v_s) ** 2))) * np.sign(v))
+    states, rng = axis_states(list(falls), "x"), np.random.default_rng(5)
+    mismatch = lay_out(states, [rng.normal(0, NOISE, len(s.time)) for s in states])
+    found = contained(mismatch, CATALOGUE, white(mismatch), np.random.default_rng(seed))
+    assert set(found) == {"coulomb_friction", "stribeck_friction"}
+    np.testing.assert_allclose([found[i].amplitudes[0] for i in sorted(found)], [0.7, 0.48], rtol=0.05)
