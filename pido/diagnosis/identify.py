@@ -261,9 +261,7 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
     everywhere = 0.0 if best is None else max(0.0, current.bic - best.bic)
     asked = max(LEAST_GAIN, CLEARLY + (1 + CONFINED) * everywhere)
-    # The same law may act in several boxes.
-    elsewhere = {t.name for t in terms if t.gates and t.name != "unknown"}
-    confined = best_region(library, current, taken - elsewhere, asked)
+    confined = best_region(library, current, taken, asked)
     return confined if confined is not None and current.bic - confined.bic > asked else best
 
 
