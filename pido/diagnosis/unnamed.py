@@ -99,7 +99,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             plainly = likelier and (
                 clearly_less(mismatch, trial, best_terms) or _says_the_rest_too(mismatch, trial, best_terms)
             )
-            if plainly or _says_it_all(mismatch, trial, best_terms):
+            if plainly or says_it_all(mismatch, trial, best_terms):
                 best_terms, best = trial, tried
     best_terms = _curve_instead(library, noise, best_terms)
     joint = fit(mismatch, noise, best_terms)
@@ -124,7 +124,7 @@ def _curve_instead(library: Library, noise: Noise, terms: list[Term]) -> list[Te
     if rough is None or fine is None:
         return terms
     by_rough, by_fine = ([Term(curve).behind(library.lag)] for curve in (rough, fine))
-    if len(terms) >= _MANY and _says_it_all(mismatch, by_rough, terms):
+    if len(terms) >= _MANY and says_it_all(mismatch, by_rough, terms):
         return by_rough
     # What is no more likely by averages, which are soon compared, does not do far more.
     few = coarse(mismatch, fit(mismatch, noise, []).residual, noise)
@@ -149,10 +149,12 @@ def clearly_less(mismatch: Mismatch, trial: Sequence[Term], terms: Sequence[Term
     return former - now > min(2 * _LESS_ERROR * former, _CLEARLY_SHARE * (none - now))
 
 
-def _says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
-    """Whether at least two terms fewer, with no more numbers, leave less error on unseen folds."""
+def says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
+    """Whether at least two terms fewer, with no more numbers, leave less error on unseen folds; also than each alone of
+    those that they replace, which the others may have spoilt."""
     fewer = len(few) <= len(many) - 2 and numbers(few) <= numbers(many)
-    return fewer and less_error(mismatch, few, many, 0.0)
+    replaced = [[t] for t in many if t not in few]
+    return fewer and all(less_error(mismatch, few, others, 0.0) for others in (many, *replaced))
 
 
 def _says_the_rest_too(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:

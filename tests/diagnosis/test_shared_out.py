@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pido.diagnosis.confirm import less_error
 from pido.diagnosis.finding import Estimate, Evidence, Finding, HeldOut, Where
 from pido.diagnosis.formulas import Formula
 from pido.diagnosis.shared_out import MANY, is_shared_out, one_for_many, opposed
 from pido.diagnosis.signals import signals
 from pido.diagnosis.terms import Gate, Term, fit
+from pido.diagnosis.unnamed import says_it_all
 from tests.diagnosis.feeds import BY_ID
 from tests.diagnosis.planted import NOISE, planted
 
@@ -127,3 +129,17 @@ def test_two_that_oppose_each_other_stand_as_one_beside_what_else_was_found():
     assert third is findings[2]
     assert note is not None
     assert "thermal_drift, coulomb_friction" in note
+
+
+def test_a_law_that_others_have_spoilt_is_not_replaced_by_a_worse_one_without_a_name():
+    """Beside v_x stand two that follow the clock, which goes another way in each part."""
+    library, _ = planted(lambda s: 0.01 * s.v, strength=1.0)
+    mismatch = library.mismatch
+    clocks = [((k - 1) / 4) * signals(s, ["t_part"])["t_part"][0] for k, s in enumerate(mismatch.states)]
+    mismatch = mismatch.with_target(mismatch.target + NOISE * np.concatenate(clocks))
+    law, *spoils = (Term(Formula(((n, f),), "–")) for n, f in (("v_x", "u"), ("t_part", "u"), ("t_part", "u²")))
+    worse = [Term(Formula((("v_x", "sgn u"),), "–"))]
+    assert less_error(mismatch, worse, [law, *spoils], 0.0)
+    assert less_error(mismatch, [law], worse, 0.0)
+    assert not says_it_all(mismatch, worse, [law, *spoils])
+    assert says_it_all(mismatch, [law], [*worse, *spoils])
