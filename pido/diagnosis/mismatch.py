@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.state import AxisState
 
 FEW_PARTS = 3
@@ -175,8 +175,14 @@ def _thin(state: AxisState, stride: int) -> AxisState:
         return state
     n = len(state.time)
     thin = take_rows(state, slice(stride // 2, (n // stride) * stride, stride), n)
-    others = {a: _means(motion, thin.others[a], _OF_MOTION, stride) for a, motion in state.others.items()}
-    usable = _box(state.usable.astype(float), stride) == 1.0
+    others = {
+        a: replace(
+            _means(motion, thin.others[a], _OF_MOTION, stride),
+            wrong=None if motion.wrong is None else _box(motion.wrong, stride) > 0,
+        )
+        for a, motion in state.others.items()
+    }
+    usable = _box(state.usable, stride) == 1.0
     return replace(_means(state, thin, (*_OF_MOTION, *_OF_LOAD), stride), others=others, usable=usable)
 
 
@@ -191,7 +197,7 @@ def _means(whole: Rows, thin: Rows, names: Sequence[str], stride: int) -> Rows:
     return replace(thin, **{name: mean(getattr(whole, name)) for name in names})  # type: ignore[type-var]
 
 
-def _box(values: Float2D, stride: int) -> Float2D:
+def _box(values: Array1D | Float2D, stride: int) -> Float2D:
     if stride == 1:
         return np.asarray(values, float)
     n = values.shape[-1] // stride * stride

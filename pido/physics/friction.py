@@ -87,5 +87,5 @@ def dahl_state(held: Float1D, since_reversal: Float1D, segment: Float1D, x_0: fl
     z = -held[0]
     for k, (i, j) in enumerate(zip(first, last, strict=True)):
         begin[k] = z
-        z = held[j] + (z - held[j]) * decay[j] if held[i] * held[j] > 0 else held[j]
+        z = held[j] + (z - held[j]) * decay[j] if held[i] * held[j] >= 0 else held[j]
     return held + (begin[np.cumsum(new) - 1] - held) * decay

@@ -50,5 +50,7 @@ def test_a_row_is_usable_where_all_that_it_averages_is():
     (state,) = _states()
     spoilt = np.ones(len(state.time), bool)
     spoilt[123] = False
-    mismatch = lay_out([replace(state, usable=spoilt)], [np.zeros(len(spoilt))], stride=STRIDE)
+    others = {a: replace(o, wrong=~spoilt) for a, o in state.others.items()}
+    mismatch = lay_out([replace(state, usable=spoilt, others=others)], [np.zeros(len(spoilt))], stride=STRIDE)
     assert np.flatnonzero(~mismatch.usable).tolist() == [12]
+    assert np.flatnonzero(mismatch.states[0].others["y"].wrong).tolist() == [12]
