@@ -187,9 +187,7 @@ def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:
     n, get = len(samples), {name: samples.inputs[:, k] for name, k in _AT.items()}
     far = np.full(n, np.inf)
     motions = {
-        a: Motion(get[f"v_{a}"], get[f"a_{a}"], held, moving, held * moving)
-        for k, a in enumerate(AXES)
-        for held, moving in [(samples.direction[:, k], np.abs(get[f"v_{a}"]) > bands[k])]
+        a: Motion.with_band(get[f"v_{a}"], get[f"a_{a}"], samples.direction[:, k], bands[k]) for k, a in enumerate(AXES)
     }
     own = motions.pop(axis)
     forces = {a: get[f"f_{a}_sim"] for a in LINEAR_AXES}

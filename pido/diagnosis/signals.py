@@ -14,7 +14,7 @@ import numpy as np
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.core.errors import DiagnosisError
-from pido.diagnosis.state import AxisState
+from pido.diagnosis.state import AxisState, seconds_of_each
 
 Known = Mapping[str, tuple[Float1D, str]]
 """Signals by name, (n,) each, with their units."""
@@ -128,8 +128,8 @@ def _jerk(state: AxisState) -> Float1D | None:
 
 
 def _so_far(time: Float1D, rate: Float1D | None) -> Float1D | None:
-    """(n,) – integral of a rate, which is taken to hold until the next sample."""
-    return None if rate is None else np.cumsum(np.nan_to_num(rate) * np.diff(time, prepend=time[:1]))
+    """(n,) – integral of a rate, which is taken to hold since the sample before."""
+    return None if rate is None else np.cumsum(np.nan_to_num(rate) * seconds_of_each(time))
 
 
 def _feed(state: AxisState) -> Float1D | None:

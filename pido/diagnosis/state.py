@@ -45,6 +45,12 @@ class Motion:
     along: Float1D
     wrong: Bool1D | None = None
 
+    @classmethod
+    def with_band(cls, v: Float1D, a: Float1D, held: Float1D, band: float) -> Motion:
+        """Of an axis that moves while |v| is above `band`, in the unit of v."""
+        moving = np.abs(v) > band
+        return cls(v, a, held, moving, held * moving)
+
 
 @dataclass(frozen=True, eq=False)
 class AxisState:
@@ -263,8 +269,7 @@ def motion(recording: Recording, axis: str, bands: Mapping[str, float]) -> Motio
         return None
     if a is None:
         a = np.gradient(v, recording.time) if len(v) > 1 else np.zeros(len(v))
-    held, moving = held_direction(v, bands[axis]), np.abs(v) > bands[axis]
-    return Motion(v, a, held, moving, held * moving)
+    return Motion.with_band(v, a, held_direction(v, bands[axis]), bands[axis])
 
 
 def _speed(recording: Recording, axis: str) -> Float1D | None:
@@ -446,6 +451,11 @@ def _tool_key(value: object) -> str:
     return str(int(value)) if isinstance(value, (float, np.floating)) and float(value).is_integer() else str(value)
 
 
+def seconds_of_each(time: Float1D) -> Float1D:
+    """(n,), s – since the sample before, at most 1: what was not recorded for longer was no cut."""
+    return np.minimum(np.diff(time, prepend=time[:1]), 1.0)
+
+
 def _wear(
     recording: Recording,
     tool: Array1D | None,
@@ -456,7 +466,7 @@ def _wear(
     """Volume and time that the cutting edge has cut so far; `worn` carries them from part to part."""
     if engaged is None:
         return None, None
-    step = np.minimum(np.diff(recording.time, prepend=recording.time[:1]), 1.0)
+    step = seconds_of_each(recording.time)
     keys = np.full(len(engaged), "", dtype=object) if tool is None else tool
     cut = np.zeros(len(engaged)) if mrr is None else np.nan_to_num(mrr) * step
     volume, seconds = np.zeros(len(engaged)), np.zeros(len(engaged))

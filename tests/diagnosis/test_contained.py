@@ -12,11 +12,11 @@ from pido.diagnosis.state import axis_states
 from tests.diagnosis.planted import NOISE, white
 
 
-def _recordings(force, feeds=(0.3, 0.7, 1.8, 15.0), count=3):
+def _recordings(force):
     """x goes to and fro at a few feeds, with stops; force : v -> (n,), A, which is all that is simulated."""
-    for k in range(count):
+    for k in range(3):
         rng = np.random.default_rng(k)
-        v = np.repeat(rng.choice(feeds, 100) * rng.choice([-1, 0, 1], 100), 40)
+        v = np.repeat(rng.choice([0.3, 0.7, 1.8, 15.0], 100) * rng.choice([-1, 0, 1], 100), 40)
         v = np.convolve(v, np.ones(5) / 5, "same")
         v = np.where(np.abs(v) < 1e-9, 0.0, v)
         t = np.arange(len(v)) * 0.02

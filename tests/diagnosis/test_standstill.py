@@ -77,15 +77,13 @@ def test_quick_turns_are_no_noise_at_standstill():
 
 def test_a_feed_below_the_usual_band_is_motion_where_the_speed_has_no_noise():
     creeps = np.tile(np.r_[np.zeros(100), np.linspace(0, 0.012, 10), np.full(80, 0.012), np.full(110, -4.0)], 4)
-    t = np.arange(len(creeps)) * 0.01
 
     def bands(v):
-        return dead_bands([Recording(PartInfo(part="p", machine="m", order=1), {"time": t, "v_x": v})])
+        columns = {"time": np.arange(len(v)) * 0.01, "v_x": v}
+        return dead_bands([Recording(PartInfo(part="p", machine="m", order=1), columns)])
 
     assert bands(creeps) == {"x": pytest.approx(0.006)}
     seldom = np.r_[creeps, np.tile(np.r_[np.zeros(100), np.full(100, -4.0)], 300)]
-    t = np.arange(len(seldom)) * 0.01
     assert bands(seldom) == {"x": pytest.approx(0.006)}
-    t = t[: len(creeps)]
-    assert bands(creeps + np.random.default_rng(0).normal(0, 1e-3, len(t))) == {"x": 0.02}
+    assert bands(creeps + np.random.default_rng(0).normal(0, 1e-3, len(creeps))) == {"x": 0.02}
     assert bands(np.where(np.abs(creeps) < 1, 1e-12 * creeps, creeps)) == {"x": 0.02}
