@@ -10,7 +10,7 @@ a fit of their own.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,6 +30,7 @@ _NEAR_A_LIMIT = 24  # values between which a limit is moved at last
 _SAME_LEVEL = 0.01  # of the range of a variable: nearer values are one level
 _SAME_AREA = 0.0025  # the same of AR, which reaches from a finishing cut to a hole
 _ALONE = 1e-3  # share of a column's power in a box that must be left beside the columns before it
+_AT_ONCE = 8_000_000  # sums over boxes held at a time, 4 bytes each
 _THERE = 1e-5  # share of a column's power that lies in a box in which it can be seen at all
 
 Float32 = NDArray[np.float32]
@@ -107,15 +108,19 @@ class Lattice:
     def _order(self) -> tuple[Int1D, Int1D]:
         return _sorted(self.cell)
 
-    def sums(self, groups: Float32) -> Float32:
-        """(k, groups) -> (k, boxes): sums over the groups of rows in each box."""
+    def pieces(self, groups: Float32) -> Iterator[Float32]:
+        """(k, groups) -> (k, boxes), some boxes after others: sums over the groups of rows in each box."""
         order, first = self._order
         cells = np.zeros((len(groups), int(np.prod(self.shape))), np.float32)
         cells[:, self.cell[order][first]] = np.add.reduceat(groups[:, order], first, axis=1)
-        out = cells.reshape(-1, *self.shape)
-        for inside in self._inside:
-            out = np.tensordot(out, inside, axes=(1, 1))
-        return out.reshape(len(groups), -1)
+        cells = cells.reshape(-1, *self.shape)
+        outer, *inner = self._inside
+        at_once = max(1, _AT_ONCE // (len(groups) * int(np.prod([len(i) for i in inner]))))
+        for k in range(0, len(outer), at_once):
+            out = np.tensordot(cells, outer[k : k + at_once], axes=(1, 1))
+            for inside in inner:
+                out = np.tensordot(out, inside, axes=(1, 1))
+            yield out.reshape(len(groups), -1)
 
     def gates(self, box: int) -> tuple[Gate, ...]:
         """The limits of a box, one gate each."""
@@ -148,8 +153,13 @@ class Grid:
 
     def sums(self, values: Float32) -> Float32:
         """(k, n) -> (k, boxes): sums over the rows of each box."""
+        return np.concatenate(list(self.pieces(values)), axis=1)
+
+    def pieces(self, values: Float32) -> Iterator[Float32]:
+        """The same, some boxes after others: all of a fine grid at once take gigabytes."""
         groups = np.add.reduceat(values[:, self.order], self.first, axis=1)
-        return np.concatenate([each.sums(groups) for each in self.lattices], axis=1)
+        for each in self.lattices:
+            yield from each.pieces(groups)
 
     def gates(self, box: int) -> tuple[Gate, ...]:
         """The limits of a box, one gate each."""
@@ -283,7 +293,13 @@ def gains_together(grid: Grid, rows: Float32, residual: Float32) -> Float32:
     """(boxes,) – what all `rows` (k, n), whitened, would take away together in each box."""
     rows, k = _of_unit_length(rows), len(rows)
     pairs = list(itertools.combinations_with_replacement(range(k), 2))
-    sums = grid.sums(np.concatenate([rows * residual, *((rows[i] * rows[j])[None] for i, j in pairs)]))
+    products = np.concatenate([rows * residual, *((rows[i] * rows[j])[None] for i, j in pairs)])
+    return np.concatenate([_gain_of(sums, k, pairs) for sums in grid.pieces(products)])
+
+
+def _gain_of(sums: Float32, k: int, pairs: list[tuple[int, int]]) -> Float32:
+    """(boxes,) – what k columns take away, from (k + pairs, boxes): their products with what is left, and each other's.
+    The products are used up."""
     inner, gram = sums[:k], dict(zip(pairs, sums[k:], strict=True))
     least = [np.maximum(_THERE, _ALONE * gram[i, i]) for i in range(k)]
     gain = np.zeros(inner.shape[1], np.float32)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import csr_array
 
+from pido.diagnosis import boxes
 from pido.diagnosis.boxes import (
     cuts_of,
     fine_cuts_of,
@@ -59,6 +60,17 @@ def test_what_a_term_takes_away_in_a_box_is_the_least_squares_fit_of_the_rows_th
         if inside.sum() > 2 * columns:
             beta, *_ = np.linalg.lstsq(X[:, inside].T, y[inside], rcond=None)
             assert gain[box] == pytest.approx(np.sum((beta @ X[:, inside]) ** 2), rel=1e-2, abs=1e-3)
+
+
+def test_boxes_asked_piece_by_piece_are_those_asked_at_once(monkeypatch):
+    rng = np.random.default_rng(4)
+    known = variables(rng)
+    grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}), {"v_y": np.array([0.0])})
+    X, y = rng.normal(size=(3, 400)).astype(np.float32), rng.normal(size=400).astype(np.float32)
+    whole = gains_together(grid, X, y)
+    monkeypatch.setattr(boxes, "_AT_ONCE", 1000)
+    assert max(piece.shape[1] for piece in grid.pieces(X)) < len(grid.limits) / 4
+    np.testing.assert_allclose(gains_together(grid, X, y), whole, rtol=1e-4)
 
 
 def test_an_amplitude_of_the_wrong_sign_takes_nothing_away():
