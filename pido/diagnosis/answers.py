@@ -15,13 +15,14 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.finding import Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
+from pido.diagnosis.gates import gate_variable
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, workpiece_area
 from pido.diagnosis.mechanisms.advice import recording_that_tells
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.terms import Term, gate_variable
+from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
 
 _NEAR = 20.0  # BIC: rivals this close are not told apart on these data

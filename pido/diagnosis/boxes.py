@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Int1D
+from pido.diagnosis.gates import EITHER_WAY, PATH_SPEED, VARIABLES, Gate, gate_variable
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import PATH_SPEED, Gate, gate_variable
 
-VARIABLES = ("v_x", "v_y", "AR")
-EITHER_WAY = ("|v_x|", "|v_y|", PATH_SPEED)  # speeds without their sign, which come in the place of others
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
 _FINE = 16  # limits of a variable on the grid on which a single term is asked
 _NEAR_A_LIMIT = 24  # values between which a limit is moved at last

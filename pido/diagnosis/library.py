@@ -19,10 +19,11 @@ from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.diagnosis.boxes import Space, space_of
+from pido.diagnosis.gates import inside
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.terms import Term, bic, inside
+from pido.diagnosis.terms import Term, bic
 from pido.diagnosis.whiten import Noise
 
 COLLINEAR = 1e-3  # share of a regressor's power that must be left once the terms already chosen are taken out of it

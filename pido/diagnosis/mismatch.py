@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
+from pido.diagnosis.gates import EITHER_WAY, VARIABLES, gate_variable
 from pido.diagnosis.state import AxisState
 
 FEW_PARTS = 3
@@ -183,7 +184,16 @@ def _thin(state: AxisState, stride: int) -> AxisState:
         for a, motion in state.others.items()
     }
     usable = _box(state.usable, stride) == 1.0
-    return replace(_means(state, thin, (*_OF_MOTION, *_OF_LOAD), stride), others=others, usable=usable)
+    limiting = {name: gate_variable(state, name) for name in (*VARIABLES, *EITHER_WAY)}
+    ranges = {name: _range(values, stride) for name, values in limiting.items() if values is not None}
+    means = _means(state, thin, (*_OF_MOTION, *_OF_LOAD), stride)
+    return replace(means, others=others, usable=usable, ranges=ranges)
+
+
+def _range(values: Float1D, stride: int) -> Float2D:
+    """(n, 2) – least and most within the rows that are averaged into one."""
+    rows = values[: len(values) // stride * stride].reshape(-1, stride)
+    return np.stack([rows.min(axis=1), rows.max(axis=1)], axis=1)
 
 
 def _means(whole: Rows, thin: Rows, names: Sequence[str], stride: int) -> Rows:

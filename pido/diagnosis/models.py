@@ -23,12 +23,13 @@ from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.terms import Term
 from pido.diagnosis.tools import ByTool
 from pido.diagnosis.waves import Wave
 

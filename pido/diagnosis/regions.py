@@ -17,7 +17,6 @@ from scipy.sparse import csr_array
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.boxes import (
-    EITHER_WAY,
     Float32,
     Grid,
     Places,
@@ -29,9 +28,10 @@ from pido.diagnosis.boxes import (
     some_of,
 )
 from pido.diagnosis.formulas import LEVEL
+from pido.diagnosis.gates import EITHER_WAY, Gate
 from pido.diagnosis.library import Basis, Library, Score
 from pido.diagnosis.select import refine
-from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
 
 CLEARLY = 15.0  # BIC by which a box must beat the best mechanism that acts everywhere

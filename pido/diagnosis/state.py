@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pido.core.arrays import Array1D, Bool1D, Float1D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
 from pido.core.machining import Machine
@@ -73,6 +73,7 @@ class AxisState:
     lead : ball screw lead, mm; vertical : True where gravity acts along the axis
     sim, curr : A, simulated and recorded current; sims : A, simulated current of the other axes
     usable : rows that may be fitted
+    ranges : (n, 2) – least and most, within rows that were averaged, of each variable that limits a region
     """
 
     axis: str
@@ -122,6 +123,7 @@ class AxisState:
     curr: Float1D | None = None
     sims: Mapping[str, Float1D] = field(default_factory=dict)
     usable: Bool1D = field(default_factory=lambda: np.zeros(0, bool))
+    ranges: Mapping[str, Float2D] = field(default_factory=dict)
 
     @property
     def speeds(self) -> dict[str, Float1D]:

@@ -12,45 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.gates import Gate, inside
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.state import AxisState, speed_along_path
+from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 from pido.physics.drive import answered_late
-
-PATH_SPEED = "path speed"
-
-
-@dataclass(frozen=True, slots=True)
-class Gate:
-    """Acts only where low <= variable < high.
-
-    variable : 'v_x', 'v_y', '|v_x|', '|v_y|', PATH_SPEED – of the tool, in mm/s –, or 'AR' in mm²
-    """
-
-    variable: str
-    low: float = -np.inf
-    high: float = np.inf
-
-    @property
-    def condition(self) -> str:
-        """In the form of the contract, e.g. 'v_x > 4'."""
-        return " and ".join(self._sides())
-
-    @property
-    def words(self) -> str:
-        """With its unit, e.g. 'v_x > 4 mm/s'."""
-        unit = "mm²" if self.variable == "AR" else "mm/s"
-        return " and ".join(f"{side} {unit}" for side in self._sides())
-
-    def _sides(self) -> list[str]:
-        sides = []
-        if np.isfinite(self.low):
-            sides.append(f"{self.variable} > {self.low:.3g}")
-        if np.isfinite(self.high):
-            sides.append(f"{self.variable} < {self.high:.3g}")
-        return sides
 
 
 @dataclass(frozen=True)
@@ -138,33 +106,6 @@ def behind(columns: Float2D, states: Sequence[AxisState], lag: float) -> Float2D
     edges = np.cumsum([len(s.time) for s in states])[:-1]
     parts = zip(np.split(columns, edges, axis=1), states, strict=True)
     return np.concatenate([answered_late(values, state.time, lag) for values, state in parts], axis=1)
-
-
-def gate_variable(state: AxisState, variable: str) -> Float1D | None:
-    """(n,) of what a `Gate` may limit, None where the recording does not have it."""
-    if variable == "AR":
-        return state.ar
-    if variable == PATH_SPEED:
-        return speed_along_path(state.speeds) if len(state.speeds) > 1 else None
-    if variable.startswith("|"):
-        speed = gate_variable(state, variable.strip("|"))
-        return None if speed is None else np.abs(speed)
-    axis = variable.removeprefix("v_")
-    if axis == state.axis:
-        return state.v
-    other = state.others.get(axis)
-    return None if other is None else other.v
-
-
-def inside(state: AxisState, gates: Sequence[Gate]) -> Bool1D:
-    """(n,) – rows inside all gates; where a variable is not known, nothing is inside."""
-    result = np.ones(len(state.time), bool)
-    for gate in gates:
-        values = gate_variable(state, gate.variable)
-        if values is None:
-            return np.zeros(len(state.time), bool)
-        result &= (values >= gate.low) & (values < gate.high)
-    return result
 
 
 def fit(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], columns: Sequence[Float2D] | None = None) -> Fit:

@@ -7,6 +7,7 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.gates import PATH_SPEED, Gate, inside
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.state import axis_states
@@ -54,3 +55,16 @@ def test_a_row_is_usable_where_all_that_it_averages_is():
     mismatch = lay_out([replace(state, usable=spoilt, others=others)], [np.zeros(len(spoilt))], stride=STRIDE)
     assert np.flatnonzero(~mismatch.usable).tolist() == [12]
     assert np.flatnonzero(mismatch.states[0].others["y"].wrong).tolist() == [12]
+
+
+@pytest.mark.parametrize("gate", [Gate("v_x", high=3.0), Gate("|v_x|", 2.0, 8.0), Gate(PATH_SPEED, low=4.0)], ids=str)
+def test_a_limit_that_is_passed_within_a_row_counts_for_the_share_of_it(gate):
+    states = _states()
+    whole = inside(states[0], (gate,))
+    mismatch = lay_out(states, [whole], stride=STRIDE)
+    share = inside(mismatch.states[0], (gate,))
+    partly = (mismatch.target > 0) & (mismatch.target < 1)
+    assert partly.sum() > 20
+    sharp = np.round(share)
+    assert np.mean((share - mismatch.target)[partly] ** 2) < 0.5 * np.mean((sharp - mismatch.target)[partly] ** 2)
+    np.testing.assert_array_equal(share[~partly], mismatch.target[~partly])

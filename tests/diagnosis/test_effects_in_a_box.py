@@ -10,6 +10,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import even, less_error_there
 from pido.diagnosis.forms import fewest
+from pido.diagnosis.gates import Gate, inside
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.misfit import useless
@@ -17,7 +18,7 @@ from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.regions import best_region
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Gate, Term, inside
+from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
 
 NOISE = 0.05
@@ -84,7 +85,7 @@ def late(effect):
 def overlap(term, box, law, mismatch):
     """Rows in which an effect is said to be and is, of those in which it is either."""
     truly = np.concatenate([box(s) & (law(s) != 0) for s in mismatch.states])
-    said = np.concatenate([inside(s, term.gates) & (law(s) != 0) for s in mismatch.states])
+    said = np.concatenate([(inside(s, term.gates) > 0) & (law(s) != 0) for s in mismatch.states])
     return np.sum(truly & said) / np.sum(truly | said)
 
 

@@ -13,9 +13,10 @@ from pido.diagnosis.answers import equation_text
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.faults import clipping, input_faults, time_shift
 from pido.diagnosis.formulas import Formula, Surface
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.state import axis_state, axis_states
-from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
 
 HOLDING_FRICTION = {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction"}

@@ -10,6 +10,7 @@ from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.contained import contained
 from pido.diagnosis.diagnose import diagnose, proved, settled
 from pido.diagnosis.forms import fewest, likelier, plainest
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.identify import Answer, confirm, seen_slowly, select_terms
 from pido.diagnosis.library import Library
 from pido.diagnosis.loop import answered
@@ -18,7 +19,7 @@ from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Gate, Term, fit
+from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise, estimate_noise
 from pido.physics.drive import answered_late
 from pido.physics.friction import dahl_state

@@ -11,6 +11,7 @@ from pido.diagnosis.bends import Bend
 from pido.diagnosis.confirm import even
 from pido.diagnosis.forms import plainest, rivals_of
 from pido.diagnosis.formulas import Formula, Peak
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.identify import select_terms
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.loop import answered
@@ -21,7 +22,7 @@ from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.select import MOST_TERMS, grid_terms
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Gate, Term, fit
+from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
 from pido.diagnosis.whiten import estimate_noise

@@ -8,9 +8,10 @@ import pytest
 from pido.diagnosis.confirm import less_error
 from pido.diagnosis.finding import Estimate, Evidence, Finding, HeldOut, Where
 from pido.diagnosis.formulas import Formula
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.shared_out import MANY, is_shared_out, one_for_many, opposed
 from pido.diagnosis.signals import signals
-from pido.diagnosis.terms import Gate, Term, fit
+from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unnamed import says_it_all
 from tests.diagnosis.feeds import BY_ID
 from tests.diagnosis.planted import NOISE, planted

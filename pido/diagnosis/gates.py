@@ -1,0 +1,85 @@
+"""Limits between which a term acts: of speeds of the tool and of the area that it removes.
+
+In:  the state of one axis in one part. Out: which rows lie within the limits; of rows that a search averaged, the share
+of each that does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pido.core.arrays import Float1D
+from pido.diagnosis.state import AxisState, speed_along_path
+
+PATH_SPEED = "path speed"
+VARIABLES = ("v_x", "v_y", "AR")
+EITHER_WAY = ("|v_x|", "|v_y|", PATH_SPEED)  # speeds without their sign, which come in the place of others
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Acts only where low <= variable < high.
+
+    variable : 'v_x', 'v_y', '|v_x|', '|v_y|', PATH_SPEED – of the tool, in mm/s –, or 'AR' in mm²
+    """
+
+    variable: str
+    low: float = -np.inf
+    high: float = np.inf
+
+    @property
+    def condition(self) -> str:
+        """In the form of the contract, e.g. 'v_x > 4'."""
+        return " and ".join(self._sides())
+
+    @property
+    def words(self) -> str:
+        """With its unit, e.g. 'v_x > 4 mm/s'."""
+        unit = "mm²" if self.variable == "AR" else "mm/s"
+        return " and ".join(f"{side} {unit}" for side in self._sides())
+
+    def _sides(self) -> list[str]:
+        sides = []
+        if np.isfinite(self.low):
+            sides.append(f"{self.variable} > {self.low:.3g}")
+        if np.isfinite(self.high):
+            sides.append(f"{self.variable} < {self.high:.3g}")
+        return sides
+
+
+def gate_variable(state: AxisState, variable: str) -> Float1D | None:
+    """(n,) of what a `Gate` may limit, None where the recording does not have it."""
+    if variable == "AR":
+        return state.ar
+    if variable == PATH_SPEED:
+        return speed_along_path(state.speeds) if len(state.speeds) > 1 else None
+    if variable.startswith("|"):
+        speed = gate_variable(state, variable.strip("|"))
+        return None if speed is None else np.abs(speed)
+    axis = variable.removeprefix("v_")
+    if axis == state.axis:
+        return state.v
+    other = state.others.get(axis)
+    return None if other is None else other.v
+
+
+def inside(state: AxisState, gates: Sequence[Gate]) -> Float1D:
+    """(n,), 0 to 1 – how much of each row is inside all gates; where a variable is not known, nothing is inside.
+
+    Within a row that was averaged, a variable goes evenly from its least to its most.
+    """
+    result = np.ones(len(state.time))
+    for gate in gates:
+        values = gate_variable(state, gate.variable)
+        if values is None:
+            return np.zeros(len(state.time))
+        within: Float1D = ((values >= gate.low) & (values < gate.high)).astype(float)
+        if gate.variable in state.ranges:
+            least, most = state.ranges[gate.variable].T
+            passed = np.minimum(most, gate.high) - np.maximum(least, gate.low)
+            within = np.divide(np.maximum(passed, 0.0), most - least, out=within, where=most > least)
+        result *= within
+    return result
