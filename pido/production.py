@@ -59,12 +59,13 @@ class _Place:
     """One iteration on its way: its plan, its folder, and what every stage needs from the settings."""
 
     def __init__(self, root: str, key: str) -> None:
-        self.workspace = Workspace.open(root)
-        self.folder = self.workspace.work / key
+        workspace = Workspace.open(root)
+        self.folder = workspace.work / key
         try:
             self.plan: dict[str, Any] = json.loads((self.folder / "plan.json").read_text(encoding="utf-8"))
         except OSError:
             raise StoreError(f"{self.folder}: no such iteration is on its way; begin it first.") from None
+        self.workspace = workspace.excluding(self.plan["machine"], self.plan["excluded"])
         self.machine: Machine = machine_of(self.workspace, self.plan["machine"])
         self.accepted = accepted.terms(self.workspace, self.machine)
         recipe = recipe_of(self.workspace)
@@ -137,9 +138,12 @@ def begin(root: str, machine: str, part: str | None) -> str:
     before, retrains on what is known, and the newest part in production order is what the models are compared on.
 
     The parts are those that went through an iteration already, and the arriving one: a part that was only put into
-    the store waits for its own turn.
+    the store waits for its own turn. What people said not to learn from is fixed here, for all stages: an answer that
+    comes meanwhile counts for the next iteration.
     """
     workspace = Workspace.open(root)
+    excluded = workspace.excluded(machine)
+    workspace = workspace.excluding(machine, excluded)
     ledger = Ledger(workspace.ledger)
     before = ledger.parts(machine)
     known = {*before, *([part] if part else [])}
@@ -156,7 +160,7 @@ def begin(root: str, machine: str, part: str | None) -> str:
         if stale.name != key and plan.exists() and json.loads(plan.read_text())["machine"] == machine:
             shutil.rmtree(stale)  # the machine's lock is ours: nobody works there any more
     arriving = part if part and part not in before else order[-1]
-    plan = {"machine": machine, "part": arriving, "parts": order}
+    plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded}
     write_atomically(workspace.work / key / "plan.json", json.dumps(plan))
     return key
 

@@ -22,6 +22,7 @@ from pido.files.samples import load_samples, samples_digest, save_samples
 from pido.iteration import iterate
 from pido.parts import ingest, machine_of, recipe_of, samples_of, samples_path
 from pido.recordings.folder import write_folder
+from pido.supervision.book import Book
 from pido.tracking import bundle
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
@@ -116,6 +117,23 @@ def test_a_stage_that_is_done_twice_and_a_run_that_was_cut_off_change_nothing(fo
     assert final_state(broken) == final_state(plainly)
     assert len(Ledger(broken.ledger).iterations("cmx600v")) == 2
     assert not list(broken.work.iterdir())
+
+
+def test_an_answer_to_an_alarm_during_an_iteration_counts_for_the_next_one(folders, tmp_path, without_mlflow):
+    undisturbed, place = workspace_at(tmp_path / "undisturbed"), workspace_at(tmp_path / "plant")
+    run(undisturbed, folders[0])
+    root = str(place.root)
+    arrived = ingest(root, str(folders[0]))
+    book = Book(place, arrived["machine"])
+    alarm = {"id": "a1", "part": "p", "axis": "x", "t_start": 2.0, "t_end": 5.0, "tool": "", "block": 1, "size_a": 1.0,
+             "spreads": 9.0, "looks_like": "unknown"}  # fmt: skip
+    book.verdict({"part": "p", "digest": arrived["part"], "machine": "cmx600v", "good": False, "alarms": [alarm]})
+    key = production.begin(root, arrived["machine"], arrived["part"])
+    for stage in production.STAGES:
+        stage(root, key)
+        book.answer("a1", true=True, by="ann", reason="insert was chipped")
+    assert final_state(place) == final_state(undisturbed)
+    assert production.begin(root, arrived["machine"], None) != key
 
 
 def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
