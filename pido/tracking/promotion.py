@@ -126,24 +126,41 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
 
 
 def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Record:
-    """Put the champion before the present one back in force; called again, the one before that."""
+    """Put the champion before the present one back in force; called again, the one before that. What was rejected since
+    is passed over.
+
+    Raises RegistryError where none is left, its bundle is damaged, or the credential is wrong.
+    """
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
         _recover(workspace, machine)
-        stack: list[int] = []
-        for record in history(workspace, machine):
-            if record.action == "approve":
-                stack.append(record.version)
-            elif record.action == "rollback":
-                stack.pop()
-        if len(stack) < 2:
+        past = history(workspace, machine)
+        *before, now = _in_force_one_after_another(past) or [0]
+        rejected = {r.version for r in past if r.action == "reject"}
+        left = [version for version in before if version != now and version not in rejected]
+        if not left:
+            passed_over = ", ".join(map(str, sorted(rejected.intersection(before))))
             raise RegistryError(
-                f"{machine}: there is no champion before the present one to go back to. Another version that passed "
+                f"{machine}: there is no champion before the present one to go back to"
+                f"{f' (rejected since: version {passed_over})' if passed_over else ''}. Another version that passed "
                 "its gate takes its place: pido approve VERSION."
             )
-        found = _version(workspace, machine, stack[-2])
+        found = _version(workspace, machine, left[-1])
         verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "rollback", found, by, reason)
+
+
+def _in_force_one_after_another(past: list[Record]) -> list[int]:
+    """The champions up to the present one, without those that a rollback took out again."""
+    stack: list[int] = []
+    for record in past:
+        if record.action == "approve":
+            stack.append(record.version)
+        elif record.action == "rollback":
+            stack.pop()
+            while stack[-1] != record.version:
+                stack.pop()
+    return stack
 
 
 def _deciding(workspace: Workspace, machine: str) -> AbstractContextManager[None]:

@@ -71,6 +71,27 @@ def test_a_rejected_version_is_not_approved_any_more(workspace):
         decide(promotion.approve, workspace, 2)
 
 
+def test_a_rollback_passes_over_what_was_rejected_since_and_says_so_where_nothing_is_left(workspace):
+    for version in (1, 2, 3):
+        decide(promotion.approve, workspace, version)
+    decide(promotion.reject, workspace, 2)
+    assert decide(promotion.rollback, workspace).version == 1
+    decide(promotion.approve, workspace, 3)
+    assert decide(promotion.rollback, workspace).version == 1
+    decide(promotion.approve, workspace, 3)
+    decide(promotion.reject, workspace, 1)
+    with pytest.raises(RegistryError, match=r"rejected since: version 1.*pido approve VERSION"):
+        decide(promotion.rollback, workspace)
+    assert in_force(workspace) == 3
+
+
+def test_a_rollback_goes_back_to_another_version_than_the_one_in_force(workspace):
+    for version in (3, 1, 2, 1):
+        decide(promotion.approve, workspace, version)
+    decide(promotion.reject, workspace, 2)
+    assert decide(promotion.rollback, workspace).version == 3
+
+
 def test_each_decision_says_who_when_and_why(workspace):
     decide(promotion.approve, workspace, 1, by="A. Ito", reason="three good parts")
     decide(promotion.reject, workspace, 2, by="B. Ruiz", reason="worn tool")
