@@ -44,7 +44,7 @@ from pido.rows import training_rows
 from pido.sampling.method import Adaptation
 from pido.store import Store
 from pido.tracking import bundle, mirror, model_files, promotion
-from pido.tracking.ledger import Ledger
+from pido.tracking.ledger import Ledger, Version
 from pido.tracking.report_files import OTHER_END, RunFiles
 from pido.workspace import Workspace, code_version, digest_of
 
@@ -243,7 +243,8 @@ def evaluate(place: _Place) -> None:
         path = place.path(BEFORE)
         said = iteration.rivals(path, place.rows(BEFORE)) | _load_predictions(place.folder / "said.parquet")
         found["metrics"] = _by_axis({name: metrics(path.currents, values) for name, values in said.items()})
-    found["gate"] = _verdict(place, found["metrics"])
+    plan = place.plan
+    found["gate"] = _verdict(place.workspace, plan["machine"], plan["parts"], {plan["part"]: found["metrics"]})
     place.write("evaluation", found)
 
 
@@ -356,15 +357,22 @@ def models_in(found: bundle.Bundle) -> AxisModels:
     return AxisModels(loaded, found.content["inputs"], found.content["seed"])
 
 
-def _verdict(place: _Place, measured: dict[str, Any]) -> dict[str, Any]:
+def judge_again(workspace: Workspace, version: Version) -> dict[str, Any]:
+    """The gate's verdict on a version beside the champion that is in force now; nothing is written."""
+    known = set(bundle.load(workspace.bundles, version.bundle).content["parts"])
+    order = [e.digest for e in Store(workspace.store).entries() if e.digest in known]
+    return _verdict(workspace, version.machine, order, {})
+
+
+def _verdict(workspace: Workspace, machine: str, parts: list[str], measured: dict[str, Any]) -> dict[str, Any]:
     """The gate, on the last parts that neither challenger nor champion had been trained on.
 
     The challenger's error on a part is that of the same recipe trained without it, as it stood when the part came.
+
+    parts : the challenger's, in production order; measured : of the arriving part, which is not in the ledger yet
     """
-    workspace, machine = place.workspace, place.plan["machine"]
-    history = {i.part: i.summary["metrics"] for i in Ledger(workspace.ledger).iterations(machine)}
-    history[place.plan["part"]] = measured
-    usable = [d for d in place.plan["parts"] if history.get(d)]
+    history = {i.part: i.summary["metrics"] for i in Ledger(workspace.ledger).iterations(machine)} | measured
+    usable = [d for d in parts if history.get(d)]
     now = promotion.champion_bundle(workspace, machine)
     if now is not None:
         usable = [d for d in usable if d not in now.content["parts"]]

@@ -87,13 +87,14 @@ def history(workspace: Workspace, machine: str) -> list[Record]:
 def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
     """Put `version` in force. Approving the champion again changes nothing.
 
-    Raises RegistryError if there is no such version, its gate was not passed, it was rejected, its bundle is damaged,
-    or the credential is wrong.
+    Raises RegistryError if there is no such version, its gate was not passed, or passed beside another champion than
+    the one in force (`pido.approval` judges it again), it was rejected, its bundle is damaged, or the credential is
+    wrong.
     """
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
         _recover(workspace, machine)
-        found = _version(workspace, machine, version)
+        found = version_of(workspace, machine, version)
         now = champion(workspace, machine)
         if now and now.version == version:
             return now
@@ -104,8 +105,26 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
             )
         if any(r.version == version and r.action == "reject" for r in history(workspace, machine)):
             raise RegistryError(f"{machine} version {version} was rejected and stays so; approve another version.")
+        if now and outdated(found, now):
+            raise RegistryError(
+                f"{machine} version {version} passed its gate {beside(workspace, found)}, and version {now.version} is "
+                f"in force now. `pido approve {version}` judges it beside that one first."
+            )
         verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "approve", found, by, reason)
+
+
+def outdated(version: Version, now: Record | None) -> bool:
+    """Whether a gate was passed beside another champion than the one in force. Old gates may not say beside which."""
+    gate = version.gate
+    return now is not None and bool(gate.get("passed")) and gate.get("champion", now.bundle) != now.bundle
+
+
+def beside(workspace: Workspace, version: Version) -> str:
+    """In words, which champion the gate of `version` compared it with."""
+    versions = Ledger(workspace.ledger).versions(version.machine)
+    known = [v.version for v in versions if v.bundle == version.gate["champion"]]
+    return f"beside version {known[0]}" if known else "while nothing was in force"
 
 
 def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
@@ -113,7 +132,7 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
         _recover(workspace, machine)
-        found = _version(workspace, machine, version)
+        found = version_of(workspace, machine, version)
         now = champion(workspace, machine)
         if now and now.version == version:
             raise RegistryError(f"{machine} version {version} is the champion: use `pido rollback` to take it out.")
@@ -145,7 +164,7 @@ def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Rec
                 f"{f' (rejected since: version {passed_over})' if passed_over else ''}. Another version that passed "
                 "its gate takes its place: pido approve VERSION."
             )
-        found = _version(workspace, machine, left[-1])
+        found = version_of(workspace, machine, left[-1])
         verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "rollback", found, by, reason)
 
@@ -206,7 +225,8 @@ def _record(workspace: Workspace, action: str, version: Version, by: str, reason
     )
 
 
-def _version(workspace: Workspace, machine: str, version: int) -> Version:
+def version_of(workspace: Workspace, machine: str, version: int) -> Version:
+    """A version by its number. RegistryError lists those that there are where it is not one of them."""
     known = {v.version: v for v in Ledger(workspace.ledger).versions(machine)}
     if version not in known:
         raise RegistryError(

@@ -20,10 +20,10 @@ from pido.workspace import Workspace
 MACHINE = "m1"
 
 
-def add_version(workspace: Workspace, number: int, passed: bool = True) -> str:
+def add_version(workspace: Workspace, number: int, passed: bool = True, **more: object) -> str:
     models = {f"model_{axis}.skops": f"{axis}{number}".encode() for axis in ("x", "y", "z", "sp")}
     made = bundle.save(workspace.bundles, {"machine": MACHINE, "parts": [f"p{number}"]}, models)
-    gate = {"passed": passed, "words": "x is worse by 3 %" if not passed else "no axis is worse"}
+    gate = {"passed": passed, "words": "x is worse by 3 %" if not passed else "no axis is worse", **more}
     Ledger(workspace.ledger).finished(f"run{number}", MACHINE, f"p{number}", f"part {number}", made.digest, gate, {})
     return made.digest
 
@@ -63,6 +63,22 @@ def test_a_gate_that_was_not_passed_cannot_be_waived(workspace):
     with pytest.raises(RegistryError, match="x is worse by 3 %"):
         decide(promotion.approve, workspace, 4, reason="I insist")
     assert promotion.champion(workspace, MACHINE) is None
+
+
+def test_a_version_that_was_compared_with_another_champion_does_not_replace_the_one_in_force_unseen(workspace):
+    second = Ledger(workspace.ledger).versions(MACHINE)[1].bundle
+    add_version(workspace, 5, champion=None)
+    add_version(workspace, 6, champion=second)
+    decide(promotion.approve, workspace, 1)
+    with pytest.raises(
+        RegistryError, match=r"5 passed its gate while nothing .* version 1 is in force.*`pido approve 5`"
+    ):
+        decide(promotion.approve, workspace, 5)
+    with pytest.raises(RegistryError, match="beside version 2"):
+        decide(promotion.approve, workspace, 6)
+    assert in_force(workspace) == 1
+    decide(promotion.approve, workspace, 2)
+    assert decide(promotion.approve, workspace, 6).version == 6
 
 
 def test_a_rejected_version_is_not_approved_any_more(workspace):
