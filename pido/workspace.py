@@ -13,6 +13,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       bundles/         models + equation + limits        registry/   champion per machine, audit log
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
       monitor/         verdicts, alarms and the answers to them, per machine
+      diagnosis/       what the simulation of the newest parts left out, per machine (can be deleted)
 """
 
 from __future__ import annotations
@@ -169,6 +170,10 @@ class Workspace:
     @property
     def monitor(self) -> Path:
         return self.root / "monitor"
+
+    def diagnosis(self, machine: str) -> Path:
+        """Where the newest parts' diagnosis lies; the next one takes its place."""
+        return self.root / "diagnosis" / file_name(machine)
 
     @property
     def ledger(self) -> Path:
