@@ -102,6 +102,28 @@ def test_a_state_is_known_by_the_physics_in_force(tmp_path):
     assert accepted.terms(place, MACHINE) == ()
 
 
+@pytest.mark.parametrize("change", ["edit", "remove", "remove the last", "swap", "remove all"])
+def test_a_journal_that_was_changed_by_hand_is_found_and_one_without_a_seal_is_read(tmp_path, change):
+    place = Workspace.open(tmp_path / "plant")
+    entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    path = place.physics_journal(MACHINE.id)
+    path.with_suffix(".head.json").unlink()  # as older versions left it
+    accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="guideway replaced")
+    lines = path.read_text().splitlines(keepends=True)
+    changed = {
+        "edit": [lines[0].replace("seen", "unseen"), lines[1]],
+        "remove": lines[1:],
+        "remove the last": lines[:1],
+        "swap": lines[::-1],
+        "remove all": [],
+    }
+    path.write_text("".join(changed[change]))
+    with pytest.raises(RegistryError, match="changed outside the tool"):
+        accepted.terms(place, MACHINE)
+    path.write_text("".join(lines))
+    assert accepted.terms(place, MACHINE) == ()
+
+
 @pytest.mark.parametrize(
     ("about", "says"),
     [
