@@ -90,7 +90,7 @@ def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int,
     what the next models learn from.
     """
     check_person(workspace, by, reason)
-    if isinstance(finding, int) and folder.resolve() == workspace.diagnosis(machine).resolve():
+    if isinstance(finding, int) and folder.resolve().parent == workspace.diagnosis(machine).resolve().parent:
         raise DiagnosisError(
             f"{folder}: is written anew with the next parts, and finding {finding} may be another one by then. Say "
             "which by axis and mechanism: --finding x:stribeck_friction."
