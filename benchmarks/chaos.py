@@ -23,6 +23,7 @@ from benchmarks.chaos_attempts import Outcome, ended, start_process, take
 from benchmarks.chaos_storm import Storm
 from benchmarks.plant_chaos import VICTIMS, Plant, full_state, victims_of, zombies
 from deploy import postgres
+from pido.approval import approve
 from pido.core.errors import SettingsError
 from pido.recordings.folder import write_folder
 from pido.tracking import promotion
@@ -59,7 +60,7 @@ class Undisturbed:
             elif what[0] == "rollback":
                 promotion.rollback(self.place, self.machine, by="chaos", reason="kills")
             else:
-                promotion.approve(self.place, self.machine, int(what[1]), by="chaos", reason="kills")
+                approve(self.place, self.machine, int(what[1]), by="chaos", reason="kills")
 
         if not ended(start_process(attempt, self._log)):
             raise RuntimeError(f"{what} without a fault did not end well:\n{self._log.read_text()[-2000:]}")

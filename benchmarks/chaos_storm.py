@@ -20,7 +20,9 @@ from pathlib import Path
 
 from benchmarks.chaos_attempts import Outcome, ended, from_inbox, killed, silent, start_process, state, take, taken_in
 from pido import parts, plain, production
+from pido.approval import approve
 from pido.arrivals import Inbox
+from pido.core import clock
 from pido.store import Store
 from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
@@ -298,9 +300,9 @@ def promotions(place: Workspace, machine: str, count: int, rng: random.Random, l
         if now is not None and now.version == versions[-1] and len(versions) > 1:
             promotion.rollback(place, machine, by="chaos", reason="back")
         else:
-            promotion.approve(place, machine, versions[-1], by="chaos", reason="forth")
+            approve(place, machine, versions[-1], by="chaos", reason="forth")
 
-    promotion.approve(place, machine, versions[0], by="chaos", reason="before the faults")
+    approve(place, machine, versions[0], by="chaos", reason="before the faults")
     start = time.monotonic()
     if not ended(start_process(swap, log)):
         raise RuntimeError(f"a promotion without a fault did not end well:\n{log.read_text()[-2000:]}")
@@ -342,7 +344,7 @@ def _decide(place: Workspace, machine: str) -> None:
     if now is not None and len({r.version for r in promotion.history(place, machine)}) > 1:
         promotion.rollback(place, machine, by="chaos", reason="back")
     elif passed:
-        promotion.approve(place, machine, passed[-1], by="chaos", reason="forth")
+        approve(place, machine, passed[-1], by="chaos", reason="forth")
 
 
 @contextmanager
@@ -354,11 +356,11 @@ def clock_that_jumps(rng: random.Random) -> Iterator[None]:
         def now(cls, tz=None):
             return datetime.now(tz) + timedelta(days=rng.uniform(-10_000, 10_000))
 
-    real, real_ns, named = time.time, time.time_ns, promotion.datetime
+    real, real_ns, named = time.time, time.time_ns, clock.datetime
     time.time = lambda: real() + rng.uniform(-30, 30) * YEAR_S
     time.time_ns = lambda: real_ns() + int(rng.uniform(-30, 30) * YEAR_S * 1e9)
-    promotion.datetime = Jumping
+    clock.datetime = Jumping
     try:
         yield
     finally:
-        time.time, time.time_ns, promotion.datetime = real, real_ns, named
+        time.time, time.time_ns, clock.datetime = real, real_ns, named

@@ -21,7 +21,6 @@ from prefect.cache_policies import NO_CACHE
 from flows.submit import alive
 from pido.core.errors import DiagnosisError
 from pido.core.files import write_atomically
-from pido.core.names import file_name
 from pido.diagnoses import diagnose_into
 from pido.parts import machine_of
 from pido.store import Store
@@ -36,7 +35,7 @@ PARTS = 6
 def due(workspace: str, machine: str, count: int = PARTS) -> bool:
     """Whether the newest parts are not diagnosed yet, or MLflow has not got it."""
     place = Workspace.open(workspace)
-    known = _known(_folder(place, machine))
+    known = _known(place.diagnosis(machine))
     return known.get("of") != _of(place, machine, count) or bool(known.get("fault"))
 
 
@@ -48,8 +47,9 @@ def find(workspace: str, machine: str, count: int) -> dict[str, Any]:
     names = [recording.part.part for recording in recordings]
     try:
         result = diagnose_into(
-            _folder(place, machine), recordings, machine=machine_of(place, machine), seed=place.settings.seed
-        )
+            place.diagnosis(machine), recordings, made_on=machine, machine=machine_of(place, machine),
+            seed=place.settings.seed,
+        )  # fmt: skip
     except DiagnosisError as error:
         return {"parts": names, "compared": False, "lines": [], "notes": [str(error)]}
     lines = [
@@ -63,14 +63,14 @@ def find(workspace: str, machine: str, count: int) -> dict[str, Any]:
 def log(workspace: str, machine: str) -> tuple[str, str]:
     """(Where MLflow shows it, why MLflow has not got it)."""
     place = Workspace.open(workspace)
-    return attach(place, machine, _folder(place, machine))
+    return attach(place, machine, place.diagnosis(machine))
 
 
 @flow(name="diagnose", flow_run_name="diagnose {machine}", persist_result=False)
 def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[str, Any]:
     """Diagnose the newest parts of a machine. What is known already is not searched for again."""
     place = Workspace.open(workspace)
-    folder = _folder(place, machine)
+    folder = place.diagnosis(machine)
     with alive(place), place.lock(f"diagnosis {machine}"):
         of, found = _of(place, machine, count), _known(folder)
         if found.get("of") != of:
@@ -94,6 +94,9 @@ def page(machine: str, found: dict[str, Any], folder: Path) -> str:
     body = table if found["lines"] else ["Nothing significant." if found["compared"] else "No answer:"]
     about = f"Newest parts: {in_markdown(', '.join(found['parts']))}."
     where = [f"The whole report: `{folder / 'report.html'}`"] if found["compared"] else []
+    if found["lines"]:
+        call = f"pido accept-physics {folder} --finding AXIS:MECHANISM --by NAME --reason TEXT"
+        where.append(f"To make a finding part of the machine's equation: `{call}`")
     return "\n\n".join([f"# Diagnosis of {in_markdown(machine)}", about, "\n".join(body), *found["notes"], *where])
 
 
@@ -110,10 +113,6 @@ def _newest(place: Workspace, machine: str, count: int) -> list[str]:
 def _of(place: Workspace, machine: str, count: int) -> list[str]:
     """What decides a diagnosis: the parts, the settings, the code."""
     return [*_newest(place, machine, count), place.settings_digest(machine), code_version()]
-
-
-def _folder(place: Workspace, machine: str) -> Path:
-    return place.root / "diagnosis" / file_name(machine)
 
 
 def _known(folder: Path) -> dict[str, Any]:

@@ -4,7 +4,8 @@ In:  workspace, machine, version. Out: the same record as `pido approve` or `pid
 
 A suspended run holds no process; after the answer the flow starts again from its top, so everything before the form is
 read-only. It waits 30 days (the default of an hour would fail it); a run that expires loses nothing, for the version
-waits in the workspace. Do not combine it with an automation on missing heartbeats: a suspended run sends none.
+waits in the workspace. Where another champion went into force meanwhile, the version is judged again beside that one.
+Do not combine it with an automation on missing heartbeats: a suspended run sends none.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
 from flows.submit import alive
+from pido.approval import approve
 from pido.core.errors import RegistryError
 from pido.tracking import mirror, promotion
 from pido.workspace import Workspace, digest_of
@@ -50,7 +52,7 @@ def promote(workspace: str, machine: str, version: int) -> dict[str, Any]:
             timeout=WAIT_S,
             key=digest_of([machine, version])[:16],  # Prefect's keys take no spaces, slashes or umlauts
         )
-        decide = promotion.approve if answer.approve else promotion.reject
+        decide = approve if answer.approve else promotion.reject
         record = decide(place, machine, version, by=answer.by, reason=answer.reason)
         mirror.try_reconcile(place, machine)
         return {"machine": machine, "version": version, "action": record.action}

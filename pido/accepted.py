@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,14 +79,23 @@ class AcceptedTerm:
         return self.term.of_part(_state(samples, self.axis, self.bands)).T
 
 
-def accept(workspace: Workspace, machine: str, folder: Path, number: int, *, by: str, reason: str) -> Entry:
-    """Accept finding `number` (from 1, as in diagnosis.json). What is in force already stays as it is.
+def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int, *, by: str, reason: str) -> Entry:
+    """Accept a finding. What is in force already stays as it is.
 
-    Raises DiagnosisError for a finding that is not there or cannot extend an equation, RegistryError without a name and
-    a reason, or without the credential that approval asks for: it decides what the next models learn from.
+    finding : its name ('x:stribeck_friction'), or its number from 1, as in diagnosis.json; by number not where the next
+        parts' diagnosis takes the place of the one that was read
+
+    Raises DiagnosisError for a finding that is not there or cannot extend an equation, and for a diagnosis of another
+    machine; RegistryError without a name and a reason, or without the credential that approval asks for: it decides
+    what the next models learn from.
     """
     check_person(workspace, by, reason)
-    term, about, digest = _finding(folder, number)
+    if isinstance(finding, int) and folder.resolve().parent == workspace.diagnosis(machine).resolve().parent:
+        raise DiagnosisError(
+            f"{folder}: is written anew with the next parts, and finding {finding} may be another one by then. Say "
+            "which by axis and mechanism: --finding x:stribeck_friction."
+        )
+    term, about, digest = _finding(folder, finding, machine)
     id = hashlib.sha256(json.dumps([about["axis"], term], sort_keys=True).encode()).hexdigest()[:8]
     with workspace.lock(machine):
         entries = journal(workspace, machine)
@@ -144,7 +153,12 @@ def term_sets(accepted: Sequence[tuple[AcceptedTerm, int]], adaptive: bool) -> t
     return sets
 
 
-def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any], str]:
+def name_of(finding: Mapping[str, Any]) -> str:
+    """What a finding of diagnosis.json is called where one has to be chosen."""
+    return f"{finding['axis']}:{finding['mechanism']}"
+
+
+def _finding(folder: Path, which: str | int, machine: str) -> tuple[dict[str, Any], dict[str, Any], str]:
     """Term, finding and digest of the model behind it."""
     from pido.diagnosis.contract import read_model
     from pido.diagnosis.models import axis_models
@@ -157,13 +171,21 @@ def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any],
         raise DiagnosisError(
             f"{path}: no diagnosis can be read there. Run 'pido diagnose PART ... --out DIR'."
         ) from None
-    if not 1 <= number <= len(findings):
-        raise DiagnosisError(f"{path}: there is no finding {number}; it has {len(findings)}, counted from 1.")
+    names = [name_of(f) for f in findings]
+    if which not in (names if isinstance(which, str) else range(1, len(names) + 1)):
+        known = ", ".join(f"{k} {name}" for k, name in enumerate(names, start=1)) or "none"
+        raise DiagnosisError(f"{path}: there is no finding {which}. There are: {known}.")
+    number = which if isinstance(which, int) else names.index(which) + 1
     about = findings[number - 1]
     name = f"{about['axis']} {about['mechanism']}"
     if about["kind"] == "data_fault":
         raise DiagnosisError(f"{path}: {name} is a fault of the data, no physics. Put the recording right instead.")
     model = read_model(folder)
+    if model.get("machine", machine) != machine:
+        raise DiagnosisError(
+            f"{path}: a diagnosis of machine '{model['machine']}', not of '{machine}': what one machine lacks is no "
+            "reason to change the equation of another. Diagnose parts of this one."
+        )
     if pair_of(model) is not None:
         raise DiagnosisError(
             f"{path}: a diagnosis of the pair {model['pair']}, not of the currents that the equation is about."
@@ -176,6 +198,11 @@ def _finding(folder: Path, number: int) -> tuple[dict[str, Any], dict[str, Any],
         raise DiagnosisError(
             f"{path}: {name} cannot extend the equation: it follows from {needs}, and a generated row has nothing but "
             "the 13 inputs and the direction of motion. Apply it as a correction: pido correct."
+        )
+    if len(own) > 1:
+        raise DiagnosisError(
+            f"{path}: {name} stands there {len(own)} times, and nothing says which of them is meant. Apply all of them "
+            "as a correction: pido correct."
         )
     return own[0], about, hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
 

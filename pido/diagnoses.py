@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,19 @@ from pido.reports.page import write_page
 PAGE = "report.html"
 
 
-def diagnose_into(folder: Path, recordings: Sequence[Recording], **how: Any) -> Diagnosis:
-    """Diagnose and write everything into `folder`. how : as `pido.diagnosis.diagnose.diagnose` takes it.
+def diagnose_into(
+    folder: Path, recordings: Sequence[Recording], *, made_on: str | None = None, **how: Any
+) -> Diagnosis:
+    """Diagnose and write everything into `folder`.
+
+    made_on : the parts' machine, where somebody said so and no reader assumed it; `accept-physics` asks for it
+    how : as `pido.diagnosis.diagnose.diagnose` takes it
 
     Raises DiagnosisError, with nothing written, where nothing can be compared.
     """
     found = diagnose(recordings, **how)
+    if made_on is not None:
+        found = replace(found, model={**found.model, "machine": made_on})
     contract.write(found, folder)
     write_page(diagnosis_page(found, recordings), folder / PAGE)
     return found

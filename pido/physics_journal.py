@@ -1,7 +1,8 @@
 """The journal of accepted physics: every acceptance and revocation of a finding, one JSON line each.
 
 In:  a workspace and a machine.
-Out: entries, and which of them are in force. What a term is, `pido.accepted` knows.
+Out: entries, and which of them are in force. What a term is, `pido.accepted` knows. The journal is sealed as the audit
+log is (`pido.tracking.seal`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 from pido.core.errors import RegistryError
 from pido.core.files import write_atomically
+from pido.tracking.seal import check, seal, seal_of, whole_lines
 from pido.workspace import Workspace
 
 
@@ -34,14 +36,15 @@ class Entry:
 
 
 def journal(workspace: Workspace, machine: str) -> list[Entry]:
-    """All that was ever accepted and revoked, oldest first."""
+    """All that was ever accepted and revoked, oldest first. RegistryError where it was changed outside the tool."""
+    path = workspace.physics_journal(machine)
+    sealed = seal_of(path)
+    lines = whole_lines(path)
+    check(path, sealed, lines)
     try:
-        lines = workspace.physics_journal(machine).read_text(encoding="utf-8").splitlines()
         return [Entry(**json.loads(line)) for line in lines]
-    except FileNotFoundError:
-        return []
     except (ValueError, TypeError):
-        raise RegistryError(f"{workspace.physics_journal(machine)}: unreadable; bring it back from a backup.") from None
+        raise RegistryError(f"{path}: unreadable; bring it back from a backup.") from None
 
 
 def in_force(entries: Sequence[Entry]) -> list[Entry]:
@@ -54,3 +57,4 @@ def write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:
     """All entries, oldest first; the caller holds the machine's lock."""
     lines = [json.dumps(asdict(e), sort_keys=True) for e in entries]
     write_atomically(workspace.physics_journal(machine), "\n".join(lines) + "\n")
+    seal(workspace.physics_journal(machine))

@@ -44,7 +44,7 @@ from pido.rows import training_rows
 from pido.sampling.method import Adaptation
 from pido.store import Store
 from pido.tracking import bundle, mirror, model_files, promotion
-from pido.tracking.ledger import Ledger
+from pido.tracking.ledger import Ledger, Version
 from pido.tracking.report_files import OTHER_END, RunFiles
 from pido.workspace import Workspace, code_version, digest_of
 
@@ -59,12 +59,13 @@ class _Place:
     """One iteration on its way: its plan, its folder, and what every stage needs from the settings."""
 
     def __init__(self, root: str, key: str) -> None:
-        self.workspace = Workspace.open(root)
-        self.folder = self.workspace.work / key
+        workspace = Workspace.open(root)
+        self.folder = workspace.work / key
         try:
             self.plan: dict[str, Any] = json.loads((self.folder / "plan.json").read_text(encoding="utf-8"))
         except OSError:
             raise StoreError(f"{self.folder}: no such iteration is on its way; begin it first.") from None
+        self.workspace = workspace.excluding(self.plan["machine"], self.plan["excluded"])
         self.machine: Machine = machine_of(self.workspace, self.plan["machine"])
         self.accepted = accepted.terms(self.workspace, self.machine)
         recipe = recipe_of(self.workspace)
@@ -137,9 +138,12 @@ def begin(root: str, machine: str, part: str | None) -> str:
     before, retrains on what is known, and the newest part in production order is what the models are compared on.
 
     The parts are those that went through an iteration already, and the arriving one: a part that was only put into
-    the store waits for its own turn.
+    the store waits for its own turn. What people said not to learn from is fixed here, for all stages: an answer that
+    comes meanwhile counts for the next iteration.
     """
     workspace = Workspace.open(root)
+    excluded = workspace.excluded(machine)
+    workspace = workspace.excluding(machine, excluded)
     ledger = Ledger(workspace.ledger)
     before = ledger.parts(machine)
     known = {*before, *([part] if part else [])}
@@ -156,7 +160,7 @@ def begin(root: str, machine: str, part: str | None) -> str:
         if stale.name != key and plan.exists() and json.loads(plan.read_text())["machine"] == machine:
             shutil.rmtree(stale)  # the machine's lock is ours: nobody works there any more
     arriving = part if part and part not in before else order[-1]
-    plan = {"machine": machine, "part": arriving, "parts": order}
+    plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded}
     write_atomically(workspace.work / key / "plan.json", json.dumps(plan))
     return key
 
@@ -239,7 +243,8 @@ def evaluate(place: _Place) -> None:
         path = place.path(BEFORE)
         said = iteration.rivals(path, place.rows(BEFORE)) | _load_predictions(place.folder / "said.parquet")
         found["metrics"] = _by_axis({name: metrics(path.currents, values) for name, values in said.items()})
-    found["gate"] = _verdict(place, found["metrics"])
+    plan = place.plan
+    found["gate"] = _verdict(place.workspace, plan["machine"], plan["parts"], {plan["part"]: found["metrics"]})
     place.write("evaluation", found)
 
 
@@ -352,15 +357,22 @@ def models_in(found: bundle.Bundle) -> AxisModels:
     return AxisModels(loaded, found.content["inputs"], found.content["seed"])
 
 
-def _verdict(place: _Place, measured: dict[str, Any]) -> dict[str, Any]:
+def judge_again(workspace: Workspace, version: Version) -> dict[str, Any]:
+    """The gate's verdict on a version beside the champion that is in force now; nothing is written."""
+    known = set(bundle.load(workspace.bundles, version.bundle).content["parts"])
+    order = [e.digest for e in Store(workspace.store).entries() if e.digest in known]
+    return _verdict(workspace, version.machine, order, {})
+
+
+def _verdict(workspace: Workspace, machine: str, parts: list[str], measured: dict[str, Any]) -> dict[str, Any]:
     """The gate, on the last parts that neither challenger nor champion had been trained on.
 
     The challenger's error on a part is that of the same recipe trained without it, as it stood when the part came.
+
+    parts : the challenger's, in production order; measured : of the arriving part, which is not in the ledger yet
     """
-    workspace, machine = place.workspace, place.plan["machine"]
-    history = {i.part: i.summary["metrics"] for i in Ledger(workspace.ledger).iterations(machine)}
-    history[place.plan["part"]] = measured
-    usable = [d for d in place.plan["parts"] if history.get(d)]
+    history = {i.part: i.summary["metrics"] for i in Ledger(workspace.ledger).iterations(machine)} | measured
+    usable = [d for d in parts if history.get(d)]
     now = promotion.champion_bundle(workspace, machine)
     if now is not None:
         usable = [d for d in usable if d not in now.content["parts"]]

@@ -13,6 +13,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       bundles/         models + equation + limits        registry/   champion per machine, audit log
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
       monitor/         verdicts, alarms and the answers to them, per machine
+      diagnosis/       what the simulation of the newest parts left out, per machine (can be deleted)
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -38,6 +39,7 @@ from pido.core.errors import SettingsError, StoreError, UnavailableError
 from pido.core.files import write_atomically
 from pido.core.machining import Job, MeshStock
 from pido.core.names import file_name
+from pido.monitoring import records
 
 BY_NAME = "name:"
 _METHOD = ("core", "physics", "process", "recordings", "feature_space", "equations", "sampling", "models")
@@ -75,8 +77,11 @@ class WorkspaceSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Workspace:
+    """planned : by machine, what is not learnt from, where that was fixed before (`excluding`)"""
+
     root: Path
     settings: WorkspaceSettings
+    planned: dict[str, records.Stretches] = field(default_factory=dict)
 
     @classmethod
     def open(cls, root: Path | str, **changes: Any) -> Workspace:
@@ -166,6 +171,10 @@ class Workspace:
     def monitor(self) -> Path:
         return self.root / "monitor"
 
+    def diagnosis(self, machine: str) -> Path:
+        """Where the newest parts' diagnosis lies; the next one takes its place."""
+        return self.root / "diagnosis" / file_name(machine)
+
     @property
     def ledger(self) -> Path:
         return self.root / "ledger.db"
@@ -216,13 +225,18 @@ class Workspace:
             }
         )
 
-    def excluded(self, machine: str) -> dict[str, list[list[float]]]:
+    def book(self, machine: str) -> Path:
+        """The file that `pido.supervision.book` keeps."""
+        return self.monitor / file_name(machine) / "book.jsonl"
+
+    def excluded(self, machine: str) -> records.Stretches:
         """Part digest (or BY_NAME and its name, where it was watched before its content was known) -> stretches
         [start, end], s, of alarms that were answered as true: not to be learnt from."""
-        try:
-            return json.loads((self.monitor / file_name(machine) / "excluded.json").read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return {}
+        return self.planned[machine] if machine in self.planned else records.excluded(self.book(machine))
+
+    def excluding(self, machine: str, excluded: records.Stretches) -> Workspace:
+        """The same workspace, in which an answer that comes later changes nothing of what is learnt from."""
+        return replace(self, planned={**self.planned, machine: excluded})
 
     def physics_journal(self, machine: str) -> Path:
         """The file that `pido.physics_journal` keeps."""

@@ -24,9 +24,9 @@ from pido.workspace import Workspace
 MACHINE = config.machine("dmc60h")
 
 
-def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", shape=None):
-    """A diagnosis of one finding on x, written as the contract has it."""
-    folder.mkdir(exist_ok=True)
+def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", shape=None, **more):
+    """A diagnosis of one finding on x, written as the contract has it. more : of model.json"""
+    folder.mkdir(exist_ok=True, parents=True)
     finding = {"axis": "x", "mechanism": mechanism, "kind": kind, "equation": "dI = ..."}
     term = {
         "name": mechanism, "mechanism": {"id": mechanism},
@@ -35,7 +35,7 @@ def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", sha
     }  # fmt: skip
     axis = {"noise_level": 0.05, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
     (folder / "diagnosis.json").write_text(json.dumps({"schema": "pido.diagnosis/1", "findings": [finding]}))
-    (folder / "model.json").write_text(json.dumps({"schema": "pido.diagnosis.model/1", "axes": {"x": axis}}))
+    (folder / "model.json").write_text(json.dumps({"schema": "pido.diagnosis.model/1", "axes": {"x": axis}, **more}))
     return folder
 
 
@@ -102,6 +102,28 @@ def test_a_state_is_known_by_the_physics_in_force(tmp_path):
     assert accepted.terms(place, MACHINE) == ()
 
 
+@pytest.mark.parametrize("change", ["edit", "remove", "remove the last", "swap", "remove all"])
+def test_a_journal_that_was_changed_by_hand_is_found_and_one_without_a_seal_is_read(tmp_path, change):
+    place = Workspace.open(tmp_path / "plant")
+    entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    path = place.physics_journal(MACHINE.id)
+    path.with_suffix(".head.json").unlink()  # as older versions left it
+    accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="guideway replaced")
+    lines = path.read_text().splitlines(keepends=True)
+    changed = {
+        "edit": [lines[0].replace("seen", "unseen"), lines[1]],
+        "remove": lines[1:],
+        "remove the last": lines[:1],
+        "swap": lines[::-1],
+        "remove all": [],
+    }
+    path.write_text("".join(changed[change]))
+    with pytest.raises(RegistryError, match="changed outside the tool"):
+        accepted.terms(place, MACHINE)
+    path.write_text("".join(lines))
+    assert accepted.terms(place, MACHINE) == ()
+
+
 @pytest.mark.parametrize(
     ("about", "says"),
     [
@@ -113,10 +135,39 @@ def test_what_rows_cannot_know_or_is_no_physics_is_refused_with_a_way_out(tmp_pa
     place = Workspace.open(tmp_path / "plant")
     with pytest.raises(DiagnosisError, match=says):
         accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d", **about), 1, by="A", reason="r")
-    with pytest.raises(DiagnosisError, match="no finding 2"):
+    with pytest.raises(DiagnosisError, match=r"no finding 2.*1 x:stribeck_friction"):
         accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 2, by="A", reason="r")
     with pytest.raises(RegistryError, match="in force: nothing"):
         accepted.revoke(place, MACHINE.id, "00", by="A", reason="r")
+
+
+def test_a_finding_is_named_by_axis_and_mechanism_where_the_next_parts_take_its_place(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    newest = diagnosis(place.diagnosis(MACHINE.id))
+    with pytest.raises(DiagnosisError, match="--finding x:stribeck_friction"):
+        accepted.accept(place, MACHINE.id, newest, 1, by="A", reason="seen")
+    read = "x:stribeck_friction"
+    assert accepted.accept(place, MACHINE.id, newest, read, by="A", reason="seen").mechanism == "stribeck_friction"
+    accepted.revoke(place, MACHINE.id, journal(place, MACHINE.id)[0].id, by="A", reason="an exercise")
+    diagnosis(newest, "viscous_friction", shape={})  # the next part came
+    with pytest.raises(DiagnosisError, match=r"no finding x:stribeck_friction.*1 x:viscous_friction"):
+        accepted.accept(place, MACHINE.id, newest, read, by="A", reason="seen")
+
+
+def test_what_was_found_on_one_machine_does_not_extend_the_equation_of_another(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    with pytest.raises(DiagnosisError, match="of machine 'the other one', not of 'dmc60h'"):
+        accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d", machine="the other one"), 1, by="A", reason="seen")
+    accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d", machine=MACHINE.id), 1, by="A", reason="seen")
+
+
+def test_a_law_that_stands_on_an_axis_twice_is_not_accepted_by_chance(tmp_path):
+    place, folder = Workspace.open(tmp_path / "plant"), diagnosis(tmp_path / "d")
+    model = json.loads((folder / "model.json").read_text())
+    model["axes"]["x"]["terms"] *= 2
+    (folder / "model.json").write_text(json.dumps(model))
+    with pytest.raises(DiagnosisError, match="stands there 2 times"):
+        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
 
 
 def test_who_decides_has_a_name_and_the_credential_that_approval_asks_for(tmp_path, monkeypatch):

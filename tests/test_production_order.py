@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from plain_parts import parts as made_up
 
 from pido import plain, production
+from pido.approval import approve
 from pido.cli import pido
 from pido.core.errors import PidoError
 from pido.core.samples import Samples
@@ -22,7 +24,8 @@ from pido.files.samples import load_samples, samples_digest, save_samples
 from pido.iteration import iterate
 from pido.parts import ingest, machine_of, recipe_of, samples_of, samples_path
 from pido.recordings.folder import write_folder
-from pido.tracking import bundle
+from pido.supervision.book import Book
+from pido.tracking import bundle, promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
@@ -86,6 +89,28 @@ def test_stage_by_stage_over_files_is_the_same_iteration_as_one_plain_call(folde
             assert measured[axis][variant]["rmse"] == found.rmse
 
 
+def test_a_version_judged_beside_another_champion_is_judged_again_beside_the_one_in_force(
+    folders, tmp_path, without_mlflow
+):
+    workspace, who = workspace_at(tmp_path / "plant"), {"by": "A. Ito", "reason": "good parts"}
+    run(workspace, *folders)
+    _, second, third = Ledger(workspace.ledger).versions("cmx600v")
+    for one in (second, third):  # both passed while nothing was in force
+        Ledger(workspace.ledger).judged("cmx600v", one.version, {**one.gate, "passed": True, "champion": None})
+    approve(workspace, "cmx600v", 2, **who)
+    said = CliRunner().invoke(pido, ["status", "-w", str(workspace.root)]).stdout
+    assert "not compared with the champion in force" in said
+    assert approve(workspace, "cmx600v", 3, **who).version == 3
+    gate = Ledger(workspace.ledger).versions("cmx600v")[2].gate
+    assert (gate["champion"], gate["parts"]) == (second.bundle, third.gate["parts"][-1:])
+    assert "against the champion" in gate["words"]
+    with pytest.raises(PidoError, match="Version 3 is in force now, and beside that one it does not pass: no part"):
+        approve(workspace, "cmx600v", 2, **who)
+    record = promotion.champion(workspace, "cmx600v")
+    assert record is not None
+    assert record.version == 3
+
+
 def test_no_number_about_a_part_comes_from_that_part(folders, tmp_path, without_mlflow):
     """What was predicted for the arriving part stays the same when its currents are others."""
     said = []
@@ -116,6 +141,23 @@ def test_a_stage_that_is_done_twice_and_a_run_that_was_cut_off_change_nothing(fo
     assert final_state(broken) == final_state(plainly)
     assert len(Ledger(broken.ledger).iterations("cmx600v")) == 2
     assert not list(broken.work.iterdir())
+
+
+def test_an_answer_to_an_alarm_during_an_iteration_counts_for_the_next_one(folders, tmp_path, without_mlflow):
+    undisturbed, place = workspace_at(tmp_path / "undisturbed"), workspace_at(tmp_path / "plant")
+    run(undisturbed, folders[0])
+    root = str(place.root)
+    arrived = ingest(root, str(folders[0]))
+    book = Book(place, arrived["machine"])
+    alarm = {"id": "a1", "part": "p", "axis": "x", "t_start": 2.0, "t_end": 5.0, "tool": "", "block": 1, "size_a": 1.0,
+             "spreads": 9.0, "looks_like": "unknown"}  # fmt: skip
+    book.verdict({"part": "p", "digest": arrived["part"], "machine": "cmx600v", "good": False, "alarms": [alarm]})
+    key = production.begin(root, arrived["machine"], arrived["part"])
+    for stage in production.STAGES:
+        stage(root, key)
+        book.answer("a1", true=True, by="ann", reason="insert was chipped")
+    assert final_state(place) == final_state(undisturbed)
+    assert production.begin(root, arrived["machine"], None) != key
 
 
 def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
@@ -208,8 +250,6 @@ def test_a_second_pass_over_known_parts_makes_no_new_run_and_takes_less_than_two
 
 
 def test_a_wrong_call_and_unusable_input_have_their_own_exit_codes(tmp_path):
-    from click.testing import CliRunner
-
     runner = CliRunner()
     assert runner.invoke(pido, ["iterate", "--nonsense"]).exit_code == 2
     missing = runner.invoke(pido, ["iterate", str(tmp_path / "nothing"), "--workspace", str(tmp_path / "w")])

@@ -1,4 +1,4 @@
-"""`pido accept-physics DIAGNOSIS --finding K`."""
+"""`pido accept-physics DIAGNOSIS --finding AXIS:MECHANISM`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pido.cli.places import by_option, existing, machine_option, one_machine, re
 
 @click.command(name="accept-physics")
 @click.argument("diagnosis", required=False, type=Input(file_okay=False))
-@click.option("--finding", type=click.IntRange(1), help="its number in diagnosis.json, from 1")
+@click.option("--finding", metavar="AXIS:MECHANISM", help="which finding; or its number in diagnosis.json, from 1")
 @click.option("--revoke", metavar="ID", help="take an accepted finding out of force")
 @by_option
 @reason_option
@@ -20,7 +20,7 @@ from pido.cli.places import by_option, existing, machine_option, one_machine, re
 @machine_option
 def command(
     diagnosis: Path | None,
-    finding: int | None,
+    finding: str | None,
     revoke: str | None,
     by: str,
     reason: str,
@@ -29,13 +29,13 @@ def command(
 ) -> None:
     """Extend the physical equation of a machine with a finding: the next iterations fit and generate with it.
 
-    DIAGNOSIS is the folder that `pido diagnose --out` wrote.
+    DIAGNOSIS is the folder that `pido diagnose --out` wrote, or a workspace's diagnosis/MACHINE.
 
     Every acceptance and revocation is a line of the workspace's journal. `pido iterate` without parts retrains at once;
     the run in MLflow then says what the extended equation gained on rows left out.
 
     \b
-    pido accept-physics diagnosis --finding 1 --by "A. Ito" --reason "seen on three parts" --workspace plant
+    pido accept-physics diagnosis --finding x:stribeck_friction --by "A. Ito" --reason "on 3 parts" --workspace plant
     pido accept-physics --revoke 1f0c22ab --by "A. Ito" --reason "guideway was replaced" --workspace plant
     """
     from pido import accepted
@@ -47,7 +47,8 @@ def command(
     if revoke is not None:
         entry = accepted.revoke(workspace, machine, revoke, by=by, reason=reason)
     elif diagnosis is not None and finding is not None:
-        entry = accepted.accept(workspace, machine, diagnosis, finding, by=by, reason=reason)
+        which = int(finding) if finding.isdecimal() else finding
+        entry = accepted.accept(workspace, machine, diagnosis, which, by=by, reason=reason)
     else:
         raise click.UsageError("give DIAGNOSIS and --finding, or --revoke ID")
     click.echo(f"{entry.id}   {machine} {entry.axis} {entry.mechanism}   {entry.action}, version {entry.version}")

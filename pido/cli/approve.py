@@ -15,9 +15,11 @@ from pido.cli.places import decide, decision
 def command(version: int, **asked: Any) -> None:
     """Promote VERSION, which passed its gate: its four models, equation and limits go into force in one step.
 
+    Where another champion is in force than its gate compared it with, it is judged again beside that one first.
+
     \b
     pido approve 7 --by "A. Ito" --reason "three good parts" --workspace plant
     """
-    from pido.tracking import promotion
+    from pido.approval import approve
 
-    decide(promotion.approve, version, **asked)
+    decide(approve, version, **asked)

@@ -47,12 +47,15 @@ def command(
     from pido.config import machine as machine_settings
     from pido.diagnoses import PAGE, diagnose_into, summary
     from pido.recordings import read_recording
+    from pido.recordings.folder import ABOUT
 
     recordings = [read_recording(part) for part in parts]
+    named = [r.part.machine for r, part in zip(recordings, parts, strict=True) if (part / ABOUT).is_file()]
     with Progress("diagnosing") as progress:
         result = diagnose_into(
             out,
             recordings,
+            made_on=named[0] if named else machine,
             pair=pair,
             machine=machine_settings(machine) if machine else None,
             seed=seed,

@@ -28,12 +28,16 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
 
     workspace = existing(folder)
     ledger = Ledger(workspace.ledger)
+    now = {machine: promotion.champion(workspace, machine) for machine in ledger.machines()}
     physics = {machine: journal(workspace, machine) for machine in ledger.machines()}
     answer = {
         "machines": {
             machine: {
                 "parts": len(ledger.parts(machine)),
-                "versions": [{**asdict(s.version), "state": s.state} for s in promotion.standings(workspace, machine)],
+                "versions": [
+                    {**asdict(s.version), "state": s.state, "judged_again": promotion.outdated(s.version, now[machine])}
+                    for s in promotion.standings(workspace, machine)
+                ],
                 "physics": [asdict(e) for e in in_force(physics[machine])],
                 "physics_decisions": [asdict(e) for e in physics[machine]],
                 "decisions": [asdict(r) for r in promotion.history(workspace, machine)],
@@ -52,6 +56,10 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             if v["state"] != "superseded":
                 gate = "gate passed" if v["gate"].get("passed") else "gate not passed"
                 click.echo(f"  version {v['version']:>3}  {v['state']:<15} {gate}: {v['gate'].get('words', '')}")
+                if v["state"] == "challenger" and v["judged_again"]:
+                    click.echo(
+                        "               not compared with the champion in force: approving judges it again first"
+                    )
         for e in state["physics"]:
             about = f"{e['axis']} {e['mechanism']} extends the equation"
             click.echo(f"  physics {e['id']}  {about} ({e['by']}: {e['reason']})")

@@ -1,8 +1,8 @@
-"""What people said of alarms, and what follows from it for the band and for the next training set.
+"""What people said of alarms, and what follows from it for the band.
 
 In:  answers: this alarm was false, or true.
-Out: a part with false alarms only is a good part: its residuals widen the band. A true alarm's samples are neither
-     learnt from nor calibrated on.
+Out: a part with false alarms only is a good part: its residuals widen the band. A true alarm's samples are not
+     calibrated on; what is not learnt from is in `pido.monitoring.records`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
 from pido.monitoring.alarms import Alarm
 from pido.monitoring.residuals import PartResiduals
@@ -24,15 +23,6 @@ class Answer:
     true: bool
     by: str
     reason: str = ""
-
-
-def not_to_learn_from(part: str, time: Float1D, answers: Sequence[Answer]) -> Bool1D:
-    """(n,): samples of `part` inside an alarm that was answered as true, on whatever axis."""
-    mask = np.zeros(len(time), bool)
-    for answer in answers:
-        if answer.true and answer.alarm.part == part:
-            mask |= (time >= answer.alarm.t_start) & (time <= answer.alarm.t_end)
-    return mask
 
 
 def to_calibrate_on(

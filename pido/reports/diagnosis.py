@@ -15,6 +15,7 @@ from bokeh.models import BoxAnnotation, ColorBar, LinearColorMapper
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
+from pido.accepted import INSTANT, name_of
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, POSITION, VELOCITY
 from pido.core.recording import Recording
@@ -48,6 +49,9 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
     next_recordings = _what_to_record(diagnosis)
     if next_recordings:
         sections.append(Section("What to record next", next_recordings))
+    acceptable = _to_accept(diagnosis)
+    if acceptable:
+        sections.append(Section("What can become part of the machine's equation", acceptable))
     if diagnosis.notes:
         sections.append(Section("What these data could not answer", diagnosis.notes))
     if diagnosis.rejected:
@@ -197,6 +201,15 @@ def _what_to_record(diagnosis: Diagnosis) -> list[str]:
         for a in f.alternatives
         if a.to_tell_apart and a.delta_bic < NOT_TOLD_APART
     ]
+
+
+def _to_accept(diagnosis: Diagnosis) -> list[str]:
+    """What to type, with the folder of this page in place of FOLDER."""
+    if pair_of(diagnosis.model) is not None:
+        return []
+    call = "pido accept-physics FOLDER --finding {name} --by NAME --reason TEXT"
+    names = [name_of({"axis": f.axis, "mechanism": f.mechanism}) for f in diagnosis.findings if f.mechanism in INSTANT]
+    return [call.format(name=name) for name in names]
 
 
 def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording]) -> list[figure]:

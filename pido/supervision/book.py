@@ -1,7 +1,7 @@
 """The book of a machine's monitor: verdicts, alarms and the answers to them, one JSON line each, never changed.
 
 In:  records.
-Out: the same records, and what follows from the answers: `excluded.json`, the stretches not to learn from.
+Out: the same records, and what they say of alarms (`pido.monitoring.records`).
 
 A line is written under a lock in one call and flushed to disk; a line that a dying process left unfinished is ended and
 ignored. Watching the same part again with the same outcome writes nothing.
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,14 +19,12 @@ from urllib.parse import unquote
 
 from pido.core.clock import utc_now
 from pido.core.errors import RegistryError
-from pido.core.files import write_atomically
-from pido.core.names import file_name
+from pido.monitoring import records
 from pido.monitoring.alarms import Alarm
 from pido.monitoring.answers import Answer
 from pido.tracking.promotion import check_person
 from pido.workspace import Workspace, digest_of
 
-log = logging.getLogger(__name__)
 _ALARM = ("part", "axis", "t_start", "t_end", "tool", "block", "size_a", "spreads")
 
 
@@ -36,21 +33,11 @@ class Book:
 
     def __init__(self, workspace: Workspace, machine: str) -> None:
         self._workspace, self.machine = workspace, machine
-        self.path = workspace.monitor / file_name(machine) / "book.jsonl"
+        self.path = workspace.book(machine)
 
     def records(self) -> list[dict[str, Any]]:
         """Every whole line."""
-        if not self.path.exists():
-            return []
-        found = []
-        for number, line in enumerate(self.path.read_text(encoding="utf-8").splitlines(), start=1):
-            if not line.strip():
-                continue
-            try:
-                found.append(json.loads(line))
-            except json.JSONDecodeError:
-                log.warning("%s: line %d was left unfinished by a process that died; it is ignored", self.path, number)
-        return found
+        return records.read(self.path)
 
     def verdict(self, record: dict[str, Any]) -> None:
         """A part was judged. The newest record of a part counts."""
@@ -70,20 +57,11 @@ class Book:
         if alarm not in known:
             raise RegistryError(f"machine {self.machine}: no alarm '{alarm}'. Known: {', '.join(known) or 'none'}.")
         self._append({"kind": "answer", "alarm": alarm, "true": true, "by": by, "reason": reason})
-        self._exclude()
         return known[alarm]
 
     def alarms(self) -> dict[str, dict[str, Any]]:
         """By identifier: those of every part's newest verdict, and older ones that were answered."""
-        records = self.records()
-        answered = {r["alarm"] for r in records if r["kind"] == "answer"}
-        newest = {r["digest"]: r for r in records if r["kind"] == "verdict"}
-        found: dict[str, dict[str, Any]] = {}
-        for record in (r for r in records if r["kind"] == "verdict"):
-            for alarm in record["alarms"]:
-                if record is newest[record["digest"]] or alarm["id"] in answered:
-                    found[alarm["id"]] = {**alarm, "part": record["part"], "digest": record["digest"]}
-        return found
+        return records.alarms(self.records())
 
     def answers(self) -> list[Answer]:
         """What was said last of each alarm; `Alarm.part` is the part's digest."""
@@ -102,15 +80,7 @@ class Book:
         return [as_alarm(alarm) for name, alarm in self.alarms().items() if name not in answered]
 
     def _said(self) -> dict[str, dict[str, Any]]:
-        return {r["alarm"]: r for r in self.records() if r["kind"] == "answer"}
-
-    def _exclude(self) -> None:
-        stretches: dict[str, list[list[float]]] = {}
-        for answer in self.answers():
-            if answer.true:
-                stretches.setdefault(answer.alarm.part, []).append([answer.alarm.t_start, answer.alarm.t_end])
-        content = {part: sorted(where) for part, where in sorted(stretches.items())}
-        write_atomically(self.path.with_name("excluded.json"), json.dumps(content, sort_keys=True))
+        return records.said(self.records())
 
     def _append(self, record: dict[str, Any]) -> None:
         line = json.dumps({**record, "at": utc_now()}, sort_keys=True)

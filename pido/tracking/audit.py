@@ -1,5 +1,6 @@
 """The audit log: who decided what, when and why. It is appended to and never rewritten; each record carries the hash
-of the one before, so that a change, a removal or a swap anywhere in it shows.
+of the one before, and a seal beside the log (`pido.tracking.seal`) says how far it goes, so that a change, a removal or
+a swap anywhere in it shows.
 
 In:  decisions. Out: records, one JSON line each.
 A record cut short by a crash is no record: the next append removes the torn tail.
@@ -14,6 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pido.core.errors import RegistryError
+from pido.tracking.seal import check, seal, seal_of, whole_lines
 
 GENESIS = "0" * 64
 
@@ -40,8 +42,10 @@ class Record:
 
 def read(path: Path) -> list[Record]:
     """All records, checked. Raises RegistryError naming the first record that was tampered with."""
+    sealed = seal_of(path)
+    lines = whole_lines(path)
     records: list[Record] = []
-    for number, line in enumerate(_whole_lines(path), start=1):
+    for number, line in enumerate(lines, start=1):
         try:
             record = Record(**json.loads(line))
         except (json.JSONDecodeError, TypeError):
@@ -52,6 +56,7 @@ def read(path: Path) -> list[Record]:
         if record.previous != before or record.number != number:
             raise RegistryError(_tampered(path, number, "it does not follow the record before it"))
         records.append(record)
+    check(path, sealed, lines)
     return records
 
 
@@ -70,24 +75,24 @@ def append(path: Path, record: Record) -> None:
     Raises RegistryError if the log has moved on since the record was made. The caller holds the machine's lock.
     """
     records = read(path)
-    if records and records[-1] == record:
-        return
-    if record.previous != (records[-1].hash if records else GENESIS):
-        raise RegistryError(f"{path}: another decision was written meanwhile. Look at `pido status` and decide again.")
+    if record not in records[-1:]:
+        if record.previous != (records[-1].hash if records else GENESIS):
+            raise RegistryError(
+                f"{path}: another decision was written meanwhile. Look at `pido status` and decide again."
+            )
+        _write(path, json.dumps(asdict(record), sort_keys=True).encode() + b"\n")
+    seal(path)
+
+
+def _write(path: Path, line: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    whole = b"".join(line + b"\n" for line in _whole_lines(path))
+    whole = sum(len(line) + 1 for line in whole_lines(path))
     with path.open("r+b" if path.exists() else "w+b") as handle:
-        handle.truncate(len(whole))
-        handle.seek(len(whole))
-        handle.write(json.dumps(asdict(record), sort_keys=True).encode() + b"\n")
+        handle.truncate(whole)
+        handle.seek(whole)
+        handle.write(line)
         handle.flush()
         os.fsync(handle.fileno())
-
-
-def _whole_lines(path: Path) -> list[bytes]:
-    if not path.exists():
-        return []
-    return path.read_bytes().split(b"\n")[:-1]  # what follows the last line feed was cut short
 
 
 def _tampered(path: Path, number: int, what: str) -> str:

@@ -211,6 +211,13 @@ class Ledger:
             )
         return version
 
+    def judged(self, machine: str, version: int, gate: dict[str, Any]) -> None:
+        """The gate's verdict on a version, given again beside another champion."""
+        with self._transaction() as db:
+            db.execute(
+                "UPDATE versions SET gate = ? WHERE machine = ? AND version = ?", (json.dumps(gate), machine, version)
+            )
+
     def logged(self, run_key: str, mlflow_run: str) -> None:
         """MLflow has this iteration under `mlflow_run`."""
         with self._transaction() as db:

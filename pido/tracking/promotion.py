@@ -87,13 +87,14 @@ def history(workspace: Workspace, machine: str) -> list[Record]:
 def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
     """Put `version` in force. Approving the champion again changes nothing.
 
-    Raises RegistryError if there is no such version, its gate was not passed, it was rejected, its bundle is damaged,
-    or the credential is wrong.
+    Raises RegistryError if there is no such version, its gate was not passed, or passed beside another champion than
+    the one in force (`pido.approval` judges it again), it was rejected, its bundle is damaged, or the credential is
+    wrong.
     """
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
         _recover(workspace, machine)
-        found = _version(workspace, machine, version)
+        found = version_of(workspace, machine, version)
         now = champion(workspace, machine)
         if now and now.version == version:
             return now
@@ -104,8 +105,26 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
             )
         if any(r.version == version and r.action == "reject" for r in history(workspace, machine)):
             raise RegistryError(f"{machine} version {version} was rejected and stays so; approve another version.")
+        if now and outdated(found, now):
+            raise RegistryError(
+                f"{machine} version {version} passed its gate {beside(workspace, found)}, and version {now.version} is "
+                f"in force now. `pido approve {version}` judges it beside that one first."
+            )
         verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "approve", found, by, reason)
+
+
+def outdated(version: Version, now: Record | None) -> bool:
+    """Whether a gate was passed beside another champion than the one in force. Old gates may not say beside which."""
+    gate = version.gate
+    return now is not None and bool(gate.get("passed")) and gate.get("champion", now.bundle) != now.bundle
+
+
+def beside(workspace: Workspace, version: Version) -> str:
+    """In words, which champion the gate of `version` compared it with."""
+    versions = Ledger(workspace.ledger).versions(version.machine)
+    known = [v.version for v in versions if v.bundle == version.gate["champion"]]
+    return f"beside version {known[0]}" if known else "while nothing was in force"
 
 
 def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
@@ -113,7 +132,7 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
         _recover(workspace, machine)
-        found = _version(workspace, machine, version)
+        found = version_of(workspace, machine, version)
         now = champion(workspace, machine)
         if now and now.version == version:
             raise RegistryError(f"{machine} version {version} is the champion: use `pido rollback` to take it out.")
@@ -126,24 +145,41 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
 
 
 def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Record:
-    """Put the champion before the present one back in force; called again, the one before that."""
+    """Put the champion before the present one back in force; called again, the one before that. What was rejected since
+    is passed over.
+
+    Raises RegistryError where none is left, its bundle is damaged, or the credential is wrong.
+    """
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
         _recover(workspace, machine)
-        stack: list[int] = []
-        for record in history(workspace, machine):
-            if record.action == "approve":
-                stack.append(record.version)
-            elif record.action == "rollback":
-                stack.pop()
-        if len(stack) < 2:
+        past = history(workspace, machine)
+        *before, now = _in_force_one_after_another(past) or [0]
+        rejected = {r.version for r in past if r.action == "reject"}
+        left = [version for version in before if version != now and version not in rejected]
+        if not left:
+            passed_over = ", ".join(map(str, sorted(rejected.intersection(before))))
             raise RegistryError(
-                f"{machine}: there is no champion before the present one to go back to. Another version that passed "
+                f"{machine}: there is no champion before the present one to go back to"
+                f"{f' (rejected since: version {passed_over})' if passed_over else ''}. Another version that passed "
                 "its gate takes its place: pido approve VERSION."
             )
-        found = _version(workspace, machine, stack[-2])
+        found = version_of(workspace, machine, left[-1])
         verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "rollback", found, by, reason)
+
+
+def _in_force_one_after_another(past: list[Record]) -> list[int]:
+    """The champions up to the present one, without those that a rollback took out again."""
+    stack: list[int] = []
+    for record in past:
+        if record.action == "approve":
+            stack.append(record.version)
+        elif record.action == "rollback":
+            stack.pop()
+            while stack[-1] != record.version:
+                stack.pop()
+    return stack
 
 
 def _deciding(workspace: Workspace, machine: str) -> AbstractContextManager[None]:
@@ -189,7 +225,8 @@ def _record(workspace: Workspace, action: str, version: Version, by: str, reason
     )
 
 
-def _version(workspace: Workspace, machine: str, version: int) -> Version:
+def version_of(workspace: Workspace, machine: str, version: int) -> Version:
+    """A version by its number. RegistryError lists those that there are where it is not one of them."""
     known = {v.version: v for v in Ledger(workspace.ledger).versions(machine)}
     if version not in known:
         raise RegistryError(

@@ -278,6 +278,10 @@ def test_json_goes_to_stdout_whole_and_progress_is_silent_when_piped(diagnosed):
     assert "\r" not in done.stderr
 
 
+def test_a_diagnosis_keeps_the_machine_that_its_parts_name(diagnosed):
+    assert json.loads((diagnosed[0] / "model.json").read_text())["machine"] == "cmx600v"
+
+
 def test_the_summary_names_axis_mechanism_and_gain(diagnosed, call, folder, tmp_path):
     code, out, _ = call("diagnose", *[folder / f"p{k}" for k in (1, 2, 3)], "--out", tmp_path / "d")
     assert code == 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pido.monitoring.alarms import judge
-from pido.monitoring.answers import Answer, not_to_learn_from, to_calibrate_on
+from pido.monitoring.answers import Answer, to_calibrate_on
 from pido.monitoring.band import learn
 from pido.monitoring.likeness import looks_like
 from pido.monitoring.residuals import PartResiduals
@@ -30,14 +30,6 @@ def test_an_alarm_called_false_widens_the_band_and_one_called_true_does_not():
         for true in (True, False)
     }
     assert width[False] > 1.2 * width[True]
-
-
-def test_samples_of_a_true_alarm_are_not_learnt_from_and_those_of_a_false_one_are():
-    odd = _part("c", 2, step=0.25)
-    (alarm,) = judge(odd, learn([_part("a", 0)])).alarms
-    assert not_to_learn_from("c", odd.time, [Answer(alarm, True, "ann")])[1000:1100].all()
-    assert not not_to_learn_from("c", odd.time, [Answer(alarm, False, "ann")]).any()
-    assert not not_to_learn_from("another part", odd.time, [Answer(alarm, True, "ann")]).any()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,8 @@
 import csv
 import hashlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +133,41 @@ def test_an_answer_asks_for_the_credential_that_approval_asks_for(tmp_path, monk
     monkeypatch.setenv(TOKEN, "open sesame")
     book.answer("a1", true=True, by="ann", reason="insert was chipped")
     assert [a.true for a in book.answers()] == [True]
+
+
+def _book_with_alarms(root: Path, *names: str) -> Book:
+    """A book of one part whose alarms stand at 1 to 2 s, 2 to 3 s, and so on."""
+    book = Book(Workspace.open(root), "m1")
+    said = [
+        {"id": name, "part": "p", "axis": "x", "t_start": float(k), "t_end": k + 1.0, "tool": "", "block": 3,
+         "size_a": 1.0, "spreads": 9.0, "looks_like": "unknown"}
+        for k, name in enumerate(names, start=1)
+    ]  # fmt: skip
+    book.verdict({"part": "p", "digest": "d1", "machine": "m1", "good": False, "alarms": said})
+    return book
+
+
+def test_what_is_left_out_of_training_is_what_the_book_says_though_a_process_died_behind_its_line(tmp_path):
+    book = _book_with_alarms(tmp_path, "a1", "a2")
+    (book.path.parent / "excluded.json").write_text("{}")  # as an older version could leave it, killed between the two
+    code = "import os, signal, sys\nfrom pido.supervision.book import Book\nfrom pido.workspace import Workspace\n"
+    code += "sync, book = os.fsync, Book(Workspace.open(sys.argv[1]), 'm1')\n"
+    code += "os.fsync = lambda handle: (sync(handle), os.kill(os.getpid(), signal.SIGKILL))\n"
+    code += "book.answer('a1', true=True, by='ann', reason='insert was chipped')"
+    assert subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False).returncode == -9
+    assert book.answered() == {"a1": "true alarm, says ann"}
+    assert Workspace.open(tmp_path).excluded("m1") == {"d1": [[1.0, 2.0]]}
+
+
+def test_answers_that_come_at_once_all_count(tmp_path):
+    names = [f"a{k}" for k in range(12)]
+    _book_with_alarms(tmp_path, *names)
+    code = "import sys\nfrom pido.supervision.book import Book\nfrom pido.workspace import Workspace\n"
+    code += "book = Book(Workspace.open(sys.argv[1]), 'm1')\n"
+    code += "for name in sys.argv[2:]: book.answer(name, true=True, by='ann', reason='insert was chipped')"
+    people = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path), *names[k::2]]) for k in (0, 1)]
+    assert [person.wait() for person in people] == [0, 0]
+    assert Workspace.open(tmp_path).excluded("m1") == {"d1": [[k, k + 1.0] for k in range(1, 13)]}
 
 
 def test_an_answer_to_an_alarm_that_nobody_raised_says_how_to_see_the_alarms(plant):

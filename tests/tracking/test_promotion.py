@@ -20,10 +20,10 @@ from pido.workspace import Workspace
 MACHINE = "m1"
 
 
-def add_version(workspace: Workspace, number: int, passed: bool = True) -> str:
+def add_version(workspace: Workspace, number: int, passed: bool = True, **more: object) -> str:
     models = {f"model_{axis}.skops": f"{axis}{number}".encode() for axis in ("x", "y", "z", "sp")}
     made = bundle.save(workspace.bundles, {"machine": MACHINE, "parts": [f"p{number}"]}, models)
-    gate = {"passed": passed, "words": "x is worse by 3 %" if not passed else "no axis is worse"}
+    gate = {"passed": passed, "words": "x is worse by 3 %" if not passed else "no axis is worse", **more}
     Ledger(workspace.ledger).finished(f"run{number}", MACHINE, f"p{number}", f"part {number}", made.digest, gate, {})
     return made.digest
 
@@ -65,10 +65,47 @@ def test_a_gate_that_was_not_passed_cannot_be_waived(workspace):
     assert promotion.champion(workspace, MACHINE) is None
 
 
+def test_a_version_that_was_compared_with_another_champion_does_not_replace_the_one_in_force_unseen(workspace):
+    second = Ledger(workspace.ledger).versions(MACHINE)[1].bundle
+    add_version(workspace, 5, champion=None)
+    add_version(workspace, 6, champion=second)
+    decide(promotion.approve, workspace, 1)
+    with pytest.raises(
+        RegistryError, match=r"5 passed its gate while nothing .* version 1 is in force.*`pido approve 5`"
+    ):
+        decide(promotion.approve, workspace, 5)
+    with pytest.raises(RegistryError, match="beside version 2"):
+        decide(promotion.approve, workspace, 6)
+    assert in_force(workspace) == 1
+    decide(promotion.approve, workspace, 2)
+    assert decide(promotion.approve, workspace, 6).version == 6
+
+
 def test_a_rejected_version_is_not_approved_any_more(workspace):
     decide(promotion.reject, workspace, 2)
     with pytest.raises(RegistryError, match="was rejected"):
         decide(promotion.approve, workspace, 2)
+
+
+def test_a_rollback_passes_over_what_was_rejected_since_and_says_so_where_nothing_is_left(workspace):
+    for version in (1, 2, 3):
+        decide(promotion.approve, workspace, version)
+    decide(promotion.reject, workspace, 2)
+    assert decide(promotion.rollback, workspace).version == 1
+    decide(promotion.approve, workspace, 3)
+    assert decide(promotion.rollback, workspace).version == 1
+    decide(promotion.approve, workspace, 3)
+    decide(promotion.reject, workspace, 1)
+    with pytest.raises(RegistryError, match=r"rejected since: version 1.*pido approve VERSION"):
+        decide(promotion.rollback, workspace)
+    assert in_force(workspace) == 3
+
+
+def test_a_rollback_goes_back_to_another_version_than_the_one_in_force(workspace):
+    for version in (3, 1, 2, 1):
+        decide(promotion.approve, workspace, version)
+    decide(promotion.reject, workspace, 2)
+    assert decide(promotion.rollback, workspace).version == 3
 
 
 def test_each_decision_says_who_when_and_why(workspace):
@@ -87,7 +124,7 @@ def test_a_decision_without_a_name_or_a_reason_is_refused(workspace, who):
         decide(promotion.approve, workspace, 1, **who)
 
 
-@pytest.mark.parametrize("change", ["edit", "remove", "swap"])
+@pytest.mark.parametrize("change", ["edit", "remove", "swap", "remove the last"])
 def test_an_audit_log_that_was_changed_by_hand_is_found_and_nothing_is_promoted_on_it(workspace, change):
     for version in (1, 2, 3):
         decide(promotion.approve, workspace, version)
@@ -95,14 +132,41 @@ def test_an_audit_log_that_was_changed_by_hand_is_found_and_nothing_is_promoted_
     lines = path.read_text().splitlines(keepends=True)
     if change == "edit":
         lines[1] = lines[1].replace("A. Ito", "N. Obody")
-    elif change == "remove":
-        del lines[1]
+    elif change.startswith("remove"):
+        del lines[1 if change == "remove" else -1]
     else:
         lines[0], lines[1] = lines[1], lines[0]
     path.write_text("".join(lines))
     with pytest.raises(RegistryError, match="changed outside"):
         decide(promotion.rollback, workspace)
     assert in_force(workspace) == 3
+
+
+def test_a_rejection_that_is_taken_out_of_the_log_does_not_come_back_as_an_approval(workspace):
+    decide(promotion.approve, workspace, 1)
+    decide(promotion.reject, workspace, 2)
+    path = workspace.registry / MACHINE / "audit.jsonl"
+    whole = path.read_text()
+    for cut in ("".join(whole.splitlines(keepends=True)[:-1]), ""):
+        path.write_text(cut)
+        with pytest.raises(RegistryError, match=r"records were taken out.*audit.head.json"):
+            decide(promotion.approve, workspace, 2)
+    path.write_text(whole)
+    with pytest.raises(RegistryError, match="was rejected"):
+        decide(promotion.approve, workspace, 2)
+
+
+def test_a_log_from_before_there_were_seals_and_one_whose_writer_died_before_its_seal_are_read_and_sealed(workspace):
+    decide(promotion.approve, workspace, 1)
+    head = workspace.registry / MACHINE / "audit.head.json"
+    first = head.read_bytes()
+    head.unlink()
+    decide(promotion.approve, workspace, 2)
+    assert json.loads(head.read_text())["lines"] == 2
+    head.write_bytes(first)  # the process died between the log and its seal
+    assert [r.version for r in promotion.history(workspace, MACHINE)] == [1, 2]
+    decide(promotion.approve, workspace, 3)
+    assert json.loads(head.read_text())["lines"] == 3
 
 
 def test_a_bundle_whose_model_file_was_swapped_is_not_put_in_force(workspace):
