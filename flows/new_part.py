@@ -21,7 +21,7 @@ from prefect.runtime import flow_run
 
 from flows.diagnose import due, in_markdown
 from flows.submit import alive, ask_diagnosis
-from pido import parts, production
+from pido import departures, parts, production
 from pido.core.errors import PidoError, UnavailableError
 from pido.tracking.figures import markdown
 from pido.workspace import Workspace
@@ -64,12 +64,11 @@ def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str,
     with alive(place):
         try:
             arrived = ingest(workspace, path, machine)
-        except PidoError as error:
-            if not isinstance(error, parts.Changed | UnavailableError):
-                parts.reject(place, Path(path), str(error), move=True)
+        except parts.Refused as refused:
+            departures.reject(place, Path(path), refused.key, str(refused), move=True)
             raise
         outcome = iteration(workspace, arrived["machine"], arrived["part"])
-        parts.put_away(place, Path(path))
+        departures.put_away(place, Path(path), arrived["key"])
         return outcome
 
 

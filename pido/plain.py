@@ -9,9 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pido import parts, production
+from pido import departures, parts, production
 from pido.arrivals import production_order
-from pido.core.errors import PidoError, UnavailableError
 from pido.workspace import Workspace
 
 Progress = Callable[[int, int, str], None]
@@ -44,18 +43,16 @@ def run(
             arrived = parts.ingest(root, str(path), machine)
         except parts.Changed:
             continue  # seen again when it has come to rest
-        except UnavailableError:
-            raise  # the disk's fault, not the part's
-        except PidoError as error:
+        except parts.Refused as refused:
             if patient:
                 continue
-            parts.reject(workspace, path, str(error), move=from_inbox)
-            rejected.append({"path": str(path), "reason": str(error)})
+            departures.reject(workspace, path, refused.key, str(refused), move=from_inbox)
+            rejected.append({"path": str(path), "reason": str(refused)})
             continue
         key, fault, new = one(root, arrived["machine"], arrived["part"])
         done += [production.outcome(root, key)] if new else []
         if from_inbox:
-            parts.put_away(workspace, path)
+            departures.put_away(workspace, path, arrived["key"])
     progress(len(order), len(order), "done")
     return {"done": done, "rejected": rejected, "fault": fault}
 

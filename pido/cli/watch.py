@@ -44,6 +44,7 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     pido watch plant/inbox --workspace plant --once
     """
     from pido.arrivals import Inbox
+    from pido.departures import bring_back
     from pido.workspace import Workspace
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
@@ -59,7 +60,9 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
         _listen(inbox, stirred)
     while True:
         stirred.clear()
+        held = bring_back(workspace, inbox)
         arrived, waiting = watched.look()
+        waiting |= held
         take(arrived)
         if due():
             _tell_mlflow(workspace)
