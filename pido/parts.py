@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pido import config
-from pido.core.errors import PidoError, RecordingError, StoreError, UnavailableError
+from pido.core.errors import PidoError, RecordingError, SettingsFileError, StoreError, UnavailableError
 from pido.core.machining import Machine, Material
 from pido.core.recording import Recording
 from pido.core.samples import Samples
@@ -42,7 +42,8 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     """Take an arrival in: {'machine', 'part' (digest), 'name', 'new', 'key'}. A known one changes nothing.
 
     key : the digest of what arrived; by it the arrival leaves the inbox (`pido.departures`)
-    Raises Refused for what cannot be used, again for what was rejected before; Changed for what is not at rest.
+    Raises Refused for what cannot be used, again for what was rejected before; Changed for what is not at rest;
+    UnavailableError or SettingsError where disk or settings are at fault, and not the part.
     """
     workspace = Workspace.open(root)
     ledger, store, place = Ledger(workspace.ledger), Store(workspace.store), Path(path)
@@ -50,6 +51,9 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     known = ledger.arrival(key)
     if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
         return _answer(entry_of(workspace, known.part), key)
+    named = machine or workspace.settings.machine
+    if named is not None:
+        machine_of(workspace, named)  # a wrong name in the settings is no fault of the parts that go by it
     from pido.store.content import digest
 
     def at_rest() -> bool:
@@ -58,13 +62,13 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
 
     changed = Changed(f"{place}: was changed while it was read; it is taken when it has come to rest.")
     try:
-        recording = _read(place, machine or workspace.settings.machine)
+        recording = _read(place, named)
         _check(recording, workspace, place)
         samples = _samples(workspace, recording, digest(recording))
         if not at_rest():
             raise changed
         entry = store.add(recording, source=place.name)
-    except (Changed, UnavailableError):
+    except (Changed, UnavailableError, SettingsFileError):
         raise
     except PidoError as error:
         if at_rest():
@@ -106,7 +110,7 @@ def samples_of(workspace: Workspace, digest: str) -> Samples:
 def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tuple[Recording, Samples, str]:
     """A recording that is only looked at, not taken in: at the method's rate, its rows, its digest. Nothing is stored.
 
-    Raises what `ingest` raises for a recording that cannot be used.
+    Raises RecordingError, SettingsError or StoreError for a recording that cannot be used.
     """
     from pido.store.content import digest
 

@@ -30,7 +30,8 @@ def run(
     from_inbox : arrivals are moved away when they are done, or into the rejected area; else files stay where they are
     patient : what cannot be read may still be on its way (a slow copy that paused): leave it for a later look
 
-    Raises UnavailableError or OSError where the workspace cannot be read or written now: nothing is rejected for that.
+    Raises UnavailableError or OSError where the workspace cannot be read or written now, SettingsError where its
+    settings cannot be used: nothing is rejected for that.
     """
     root = str(workspace.root)
     done: list[dict[str, Any]] = []

@@ -79,6 +79,17 @@ def test_a_recording_that_cannot_be_used_fails_its_run_and_lies_in_the_rejected_
     assert Ledger(workspace.ledger).machines() == []
 
 
+def test_a_part_waits_in_the_inbox_while_the_plants_settings_are_at_fault(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    part = deliver(workspace, 1)
+    (workspace.root / "workspace.toml").write_text('[jobs]\ncmx600v = "share/gear.toml"\n')
+    done = flow(workspace, part)
+    assert done.returncode != 0
+    assert "gear.toml: no such settings file" in done.stderr
+    assert part.exists()
+    assert Ledger(workspace.ledger).rejections() == []
+
+
 TWO_AT_A_TIME = """
 import sys
 from pathlib import Path
