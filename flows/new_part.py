@@ -90,8 +90,8 @@ def nightly(workspace: str) -> list[dict[str, Any]]:
 
 def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
     """The stages of one iteration, inside the machine's lock."""
-    logger = get_run_logger()
-    with Workspace.open(workspace).lock(machine):
+    logger, place = get_run_logger(), Workspace.open(workspace)
+    with place.lock(machine):
         key = begin(workspace, machine, part)
         if production.done(workspace, key):
             logger.info("nothing new: this state is known")
@@ -104,7 +104,7 @@ def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
             publish(workspace, key)
             production.clear(workspace, key)
         log(workspace)
-    if due(workspace, machine) and (fault := ask_diagnosis(workspace, machine)):
+    if due(workspace, machine) and (fault := ask_diagnosis(str(place.root), machine)):
         logger.warning("no diagnosis: %s", fault)
     outcome = production.outcome(workspace, key)
     create_markdown_artifact(key="iteration", markdown=_page(outcome), description=_headline(outcome))

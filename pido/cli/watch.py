@@ -50,7 +50,7 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     for chatty in ("httpx", "watchfiles"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
-    workspace = Workspace.open(folder)
+    workspace, inbox = Workspace.open(folder), inbox.absolute()  # a worker may have been started elsewhere
     take = _through_prefect(workspace, machine) if prefect else _in_this_process(workspace, machine, once)
     watched = Inbox(inbox, workspace.settings.settle_s)
     stirred = threading.Event()

@@ -90,6 +90,32 @@ def test_a_part_waits_in_the_inbox_while_the_plants_settings_are_at_fault(api, t
     assert Ledger(workspace.ledger).rejections() == []
 
 
+ASKED_FOR = """
+import threading, time
+from prefect.client.orchestration import get_client
+from prefect.states import Completed
+from flows.new_part import new_part
+from pido.cli.watch import command
+
+new_part.to_deployment("arrivals").apply()
+words = ["plant/inbox", "--workspace", "plant", "--prefect"]
+threading.Thread(target=command.main, args=[words], kwargs={"standalone_mode": False}, daemon=True).start()
+with get_client(sync_client=True) as client:
+    while not (runs := [run for run in client.read_flow_runs() if "unread.csv" in run.parameters["path"]]):
+        time.sleep(0.2)
+    client.set_flow_run_state(runs[0].id, Completed(), force=True)
+print(runs[0].parameters["workspace"], runs[0].parameters["path"])
+"""
+
+
+def test_a_run_is_asked_for_by_paths_that_hold_wherever_its_worker_was_started(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    (workspace.inbox / "unread.csv").write_text("time,curr_x")
+    call = [sys.executable, "-c", ASKED_FOR]
+    done = subprocess.run(call, capture_output=True, text=True, check=True, cwd=tmp_path, timeout=120)
+    assert done.stdout.split()[-2:] == [str(workspace.root), str(workspace.inbox / "unread.csv")]
+
+
 TWO_AT_A_TIME = """
 import sys
 from pathlib import Path
