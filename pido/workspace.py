@@ -13,6 +13,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       bundles/         models + equation + limits        registry/   champion per machine, audit log
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
       monitor/         verdicts, alarms and the answers to them, per machine
+      backlog/         what in an inbox could not be done yet
 """
 
 from __future__ import annotations

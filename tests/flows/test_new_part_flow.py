@@ -123,12 +123,15 @@ from prefect.client.orchestration import get_client
 from prefect.states import Completed, Crashed
 from flows.new_part import new_part
 from pido.arrivals import Arrived
+from pido.backlog import Backlog
 from pido.cli.watch import _through_prefect
 from pido.workspace import Workspace
 
 new_part.to_deployment("arrivals").apply()
 inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 1.0) for k in range(5)]
-look = _through_prefect(Workspace.open(sys.argv[1]), None)
+clock, place = [0.0], Workspace.open(sys.argv[1])
+backlog = Backlog(place, place.inbox, lambda: clock[0])
+look = _through_prefect(place, None, backlog)
 with get_client(sync_client=True) as client:
     def asked():
         runs = sorted(client.read_flow_runs(), key=lambda run: run.created)
@@ -147,8 +150,17 @@ with get_client(sync_client=True) as client:
     assert asked() == [0, 1, 2, 3], "what was asked for before lets the others go first"
     ends(2, Completed())
     ends(3, Completed())
+    clock[0] = 2.0
     look([inbox[1], inbox[4]])
     assert asked() == [0, 1, 2, 3, 4, 1], "a run that was lost is asked for again"
+    ends(1, Crashed())
+    clock[0] = 5.0
+    look([inbox[1]])
+    assert len(asked()) == 6, "but more and more seldom"
+    clock[0] = 6.0
+    look([inbox[1]])
+    assert asked() == [0, 1, 2, 3, 4, 1, 1]
+    assert "2 run(s) have not taken it" in backlog.reason(inbox[1])
 """
 
 
