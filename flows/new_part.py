@@ -81,11 +81,9 @@ def retrain_machine(workspace: str, machine: str) -> dict[str, Any]:
 
 @flow(name="nightly", persist_result=False)
 def nightly(workspace: str) -> list[dict[str, Any]]:
-    """Every machine of the workspace once, and whatever MLflow has not got yet."""
+    """Every machine of the workspace once, and whatever MLflow has not got yet; at the end, which machines failed."""
     with alive(Workspace.open(workspace)):
-        outcomes = [iteration(workspace, m, None) for m in production.machines(workspace)]
-        log(workspace)
-        return outcomes
+        return production.every_machine(workspace, lambda machine: iteration(workspace, machine, None), log)[0]
 
 
 def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:

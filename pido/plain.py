@@ -59,15 +59,20 @@ def run(
 
 
 def retrain_all(workspace: Workspace, progress: Progress) -> dict[str, Any]:
-    """Every machine's challenger brought up to its parts and settings, also when nothing arrived."""
+    """Every machine's challenger brought up to its parts and settings, also when nothing arrived.
+
+    Raises PidoError with each machine that failed, after all were tried.
+    """
     root = str(workspace.root)
-    machines = production.machines(root)
+    waiting = production.machines(root)
     done: list[dict[str, Any]] = []
-    fault = ""
-    for number, machine in enumerate(machines):
-        progress(number, len(machines), machine)
-        key, fault, new = one(root, machine, None)
-        done += [production.outcome(root, key)] if new else []
+
+    def retrained(machine: str) -> None:
+        progress(waiting.index(machine), len(waiting), machine)
+        key, _, new = one(root, machine, None)
+        done.extend([production.outcome(root, key)] if new else [])
+
+    _, fault = production.every_machine(root, retrained, production.log)
     return {"done": done, "rejected": [], "fault": fault}
 
 

@@ -90,6 +90,19 @@ def test_a_part_waits_in_the_inbox_while_the_plants_settings_are_at_fault(api, t
     assert Ledger(workspace.ledger).rejections() == []
 
 
+def test_a_machine_that_fails_does_not_end_the_night_for_the_others(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    other = next(made_up(1, machine="dmc60h")).rows(slice(0, 700))
+    assert flow(workspace, deliver(workspace, 1), write_folder(other, workspace.inbox / "other")).returncode == 0
+    (workspace.root / "workspace.toml").write_text('seed = 1\njobs = { cmx600v = "gear.toml" }\n' + SETTINGS)
+    code = "import sys; from flows.new_part import nightly; nightly(sys.argv[1])"
+    night = subprocess.run([sys.executable, "-c", code, str(workspace.root)], capture_output=True, text=True)
+    assert night.returncode != 0
+    assert "1 machine(s) failed, and no other:\n  cmx600v: " in night.stderr
+    ledger = Ledger(workspace.ledger)
+    assert [len(ledger.iterations(machine)) for machine in ("cmx600v", "dmc60h")] == [1, 2]
+
+
 ASKED_FOR = """
 import threading, time
 from prefect.client.orchestration import get_client
