@@ -21,7 +21,7 @@ from prefect.runtime import flow_run
 
 from flows.diagnose import due, in_markdown
 from flows.submit import alive, ask_diagnosis
-from pido import parts, production
+from pido import departures, parts, production
 from pido.core.errors import PidoError, UnavailableError
 from pido.tracking.figures import markdown
 from pido.workspace import Workspace
@@ -64,12 +64,11 @@ def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str,
     with alive(place):
         try:
             arrived = ingest(workspace, path, machine)
-        except PidoError as error:
-            if not isinstance(error, parts.Changed | UnavailableError):
-                parts.reject(place, Path(path), str(error), move=True)
+        except parts.Refused as refused:
+            departures.reject(place, Path(path), refused.key, str(refused), move=True)
             raise
         outcome = iteration(workspace, arrived["machine"], arrived["part"])
-        parts.put_away(place, Path(path))
+        departures.put_away(place, Path(path), arrived["key"])
         return outcome
 
 
@@ -82,17 +81,15 @@ def retrain_machine(workspace: str, machine: str) -> dict[str, Any]:
 
 @flow(name="nightly", persist_result=False)
 def nightly(workspace: str) -> list[dict[str, Any]]:
-    """Every machine of the workspace once, and whatever MLflow has not got yet."""
+    """Every machine of the workspace once, and whatever MLflow has not got yet; at the end, which machines failed."""
     with alive(Workspace.open(workspace)):
-        outcomes = [iteration(workspace, m, None) for m in production.machines(workspace)]
-        log(workspace)
-        return outcomes
+        return production.every_machine(workspace, lambda machine: iteration(workspace, machine, None), log)[0]
 
 
 def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
     """The stages of one iteration, inside the machine's lock."""
-    logger = get_run_logger()
-    with Workspace.open(workspace).lock(machine):
+    logger, place = get_run_logger(), Workspace.open(workspace)
+    with place.lock(machine):
         key = begin(workspace, machine, part)
         if production.done(workspace, key):
             logger.info("nothing new: this state is known")
@@ -105,7 +102,7 @@ def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
             publish(workspace, key)
             production.clear(workspace, key)
         log(workspace)
-    if due(workspace, machine) and (fault := ask_diagnosis(workspace, machine)):
+    if due(workspace, machine) and (fault := ask_diagnosis(str(place.root), machine)):
         logger.warning("no diagnosis: %s", fault)
     outcome = production.outcome(workspace, key)
     create_markdown_artifact(key="iteration", markdown=_page(outcome), description=_headline(outcome))

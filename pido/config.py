@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from pido.core.axes import LINEAR_AXES
-from pido.core.errors import SettingsError
+from pido.core.errors import SettingsError, SettingsFileError
 from pido.core.machining import AxisLimits, Job, Machine, Material, MeshStock, Stock, Tool
 
 if TYPE_CHECKING:
@@ -278,26 +278,29 @@ class MethodSettings(_Settings):
 
 
 def parse(model: type[Model], data: dict[str, Any], where: str) -> Model:
-    """`data` as `model`, or one SettingsError that lists every fault with its place."""
+    """`data` as `model`, or one SettingsFileError that lists every fault with its place."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
         faults = "\n".join(f"  {'.'.join(map(str, e['loc'])) or '(top)'}: {e['msg']}" for e in error.errors())
-        raise SettingsError(f"{where}: {error.error_count()} fault(s) in these settings:\n{faults}") from None
+        raise SettingsFileError(f"{where}: {error.error_count()} fault(s) in these settings:\n{faults}") from None
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a settings file; a fault in it is named with its line."""
+    """The content of a settings file; SettingsFileError names a fault in it with its line."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise SettingsError(f"{path}: no such settings file.") from None
+        raise SettingsFileError(f"{path}: no such settings file. Bring it back, or correct what names it.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsError(f"{path}: not a TOML file: {error}") from None
+        raise SettingsFileError(f"{path}: not a TOML file: {error}") from None
 
 
 def material(name: str, own: Path | None = None) -> Material:
-    """A material by name: from `own` (a TOML file with one table per material), else as shipped."""
+    """A material by name: from `own` (a TOML file with one table per material), else as shipped.
+
+    Raises SettingsError for a name that nobody defines, SettingsFileError for a fault of the file; `machine` too.
+    """
     return _named(MaterialConfig, "material", name, _shipped("materials.toml"), own).build(name)
 
 
@@ -314,11 +317,18 @@ def machine_config(name: str, own: Path | None = None) -> MachineConfig:
 def load_job(path: Path) -> Job:
     """A job file (TOML): machine, material, tools, raw part, and how to simulate.
 
-    Raises SettingsError with every fault of the file and its place.
+    Raises SettingsFileError with every fault of the file and its place.
     """
     where = str(path)
     config = parse(JobConfig, read_toml(path), where)
     folder = path.parent
+    try:
+        own = machine(config.machine, folder / config.machines if config.machines else None)
+        cut = None
+        if config.material is not None:
+            cut = material(config.material, folder / config.materials if config.materials else None)
+    except SettingsError as error:
+        raise SettingsFileError(f"{where}: {error}") from None
     stock: Stock | MeshStock | None = None
     if config.stock is not None:
         if "mesh" in config.stock:
@@ -326,10 +336,8 @@ def load_job(path: Path) -> Job:
         else:
             stock = parse(StockConfig, config.stock, f"{where}: [stock]").build()
     return Job(
-        machine=machine(config.machine, folder / config.machines if config.machines else None),
-        material=None
-        if config.material is None
-        else material(config.material, folder / config.materials if config.materials else None),
+        machine=own,
+        material=cut,
         tools={name: tool.build(name) for name, tool in config.tools.items()},
         stock=stock,
         grid_mm=config.grid_mm,

@@ -9,7 +9,6 @@ another name, in another format's file or twice is one part.
 from __future__ import annotations
 
 import logging
-import shutil
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from pido import config
-from pido.core.errors import PidoError, RecordingError, StoreError
+from pido.core.errors import PidoError, RecordingError, SettingsFileError, StoreError, UnavailableError
 from pido.core.machining import Machine, Material
 from pido.core.recording import Recording
 from pido.core.samples import Samples
+from pido.departures import key_of
 from pido.files.samples import load_samples, save_samples
 from pido.iteration import Recipe
 from pido.preparation import job_of, prepare
@@ -29,9 +29,9 @@ from pido.recordings import read_recording
 from pido.recordings.check import check, usable_mask
 from pido.recordings.faults import ERROR
 from pido.recordings.resample import resample
-from pido.store import Store
+from pido.store import Entry, Store
 from pido.tracking.ledger import Ledger
-from pido.workspace import BY_NAME, Workspace, arrival_digest, code_version, digest_of
+from pido.workspace import BY_NAME, Workspace, code_version, digest_of
 
 log = logging.getLogger(__name__)
 _KEPT = ("time", "pos_x", "pos_y", "pos_z", "pos_sp", "nc_line", "tool_id", "coolant")
@@ -39,73 +39,56 @@ _KEPT = ("time", "pos_x", "pos_y", "pos_z", "pos_sp", "nc_line", "tool_id", "coo
 
 
 def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
-    """Take an arrival in: {'machine', 'part' (digest), 'name', 'new'}. One that is known already changes nothing.
+    """Take an arrival in: {'machine', 'part' (digest), 'name', 'new', 'key'}. A known one changes nothing.
 
-    Raises RecordingError, SettingsError or StoreError for what cannot be used, again for what was rejected before.
+    key : the digest of what arrived; by it the arrival leaves the inbox (`pido.departures`)
+    Raises Refused for what cannot be used, again for what was rejected before; Changed for what is not at rest;
+    UnavailableError or SettingsError where disk or settings are at fault, and not the part.
     """
     workspace = Workspace.open(root)
     ledger, store, place = Ledger(workspace.ledger), Store(workspace.store), Path(path)
-    untouched, key = _marks(place), arrival_digest(place)
+    untouched, key = _marks(place), key_of(place)
     known = ledger.arrival(key)
     if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
-        entry = entry_of(workspace, known.part)
-        return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": False}
+        return _answer(entry_of(workspace, known.part), key)
+    named = machine or workspace.settings.machine
+    if named is not None:
+        machine_of(workspace, named)  # a wrong name in the settings is no fault of the parts that go by it
     from pido.store.content import digest
 
     def at_rest() -> bool:
         # The marks too: what was replaced and put back again has its old bytes, and was perhaps read in between.
-        return _marks(place) == untouched and arrival_digest(place) == key
+        return _marks(place) == untouched and key_of(place) == key
 
     changed = Changed(f"{place}: was changed while it was read; it is taken when it has come to rest.")
     try:
-        recording = _read(place, machine or workspace.settings.machine)
+        recording = _read(place, named)
         _check(recording, workspace, place)
         samples = _samples(workspace, recording, digest(recording))
-    except PidoError:
+        if not at_rest():
+            raise changed
+        entry = store.add(recording, source=place.name)
+    except (Changed, UnavailableError, SettingsFileError):
+        raise
+    except PidoError as error:
         if at_rest():
-            raise
+            raise Refused(str(error), key) from error
         raise changed from None  # half of one and half of the other is no reason to reject either
-    if not at_rest():
-        raise changed
-    entry = store.add(recording, source=place.name)
     save_samples(samples, samples_path(workspace, entry.digest))
     ledger.took(key, place.name, entry.digest)
-    return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": entry.new}
+    return _answer(entry, key)
 
 
 class Changed(PidoError):
     """An arrival that is not at rest yet. It is no reason to reject it."""
 
 
-def reject(workspace: Workspace, path: Path, reason: str, move: bool) -> Path | None:
-    """Put an arrival into the rejected area with the reason beside it, and on record. A user's own file is copied."""
-    if not path.exists():
-        return None
-    Ledger(workspace.ledger).rejected(_key_of(path), path.name, reason)
-    area = Store(workspace.store)
-    if move:
-        return area.reject(path, reason)
-    copy = workspace.work / "rejecting" / path.name
-    shutil.rmtree(copy.parent, ignore_errors=True)
-    copy.parent.mkdir(parents=True)
-    shutil.copytree(path, copy, symlinks=True) if path.is_dir() else shutil.copy2(path, copy, follow_symlinks=False)
-    try:
-        return area.reject(copy, reason)
-    finally:
-        shutil.rmtree(copy.parent, ignore_errors=True)
+class Refused(PidoError):
+    """An arrival that cannot be used, as `reason` says. `key`: the digest under which it was read."""
 
-
-def put_away(workspace: Workspace, path: Path) -> Path | None:
-    """Move an arrival that was taken in out of the inbox. Doing it again changes nothing."""
-    if not path.exists():
-        return None
-    target = workspace.taken / f"{_key_of(path)[:16]}-{path.name}"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if target.exists():
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-    else:
-        shutil.move(path, target)
-    return target
+    def __init__(self, reason: str, key: str = "") -> None:
+        super().__init__(reason)
+        self.key = key
 
 
 def samples_of(workspace: Workspace, digest: str) -> Samples:
@@ -127,7 +110,7 @@ def samples_of(workspace: Workspace, digest: str) -> Samples:
 def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tuple[Recording, Samples, str]:
     """A recording that is only looked at, not taken in: at the method's rate, its rows, its digest. Nothing is stored.
 
-    Raises what `ingest` raises for a recording that cannot be used.
+    Raises RecordingError, SettingsError or StoreError for a recording that cannot be used.
     """
     from pido.store.content import digest
 
@@ -150,7 +133,7 @@ def samples_path(workspace: Workspace, digest: str) -> Path:
     return workspace.derived / f"{digest[:24]}-{under}.parquet"
 
 
-def entry_of(workspace: Workspace, digest: str):
+def entry_of(workspace: Workspace, digest: str) -> Entry:
     """What the store's index knows about a part."""
     entry = Store(workspace.store).entry(digest)
     if entry is not None:
@@ -173,6 +156,10 @@ def recipe_of(workspace: Workspace) -> Recipe:
     return Recipe(method.build(), method.estimators, method.inputs)
 
 
+def _answer(entry: Entry, key: str) -> dict[str, Any]:
+    return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": entry.new, "key": key}
+
+
 def _marks(path: Path) -> list[tuple[str, int, int, int]]:
     """Name, inode and times of all that arrived: whatever writes, replaces or renames a file changes them."""
     found = []
@@ -186,6 +173,8 @@ def _marks(path: Path) -> list[tuple[str, int, int, int]]:
 def _read(path: Path, machine: str | None) -> Recording:
     if path.is_symlink() or (path.is_dir() and any(p.is_symlink() for p in path.rglob("*"))):
         raise RecordingError(f"{path}: symbolic links are not followed; bring the files themselves.")
+    if not (path.is_file() or path.is_dir()):
+        raise RecordingError(f"{path}: no such file or folder.")
     recording = read_recording(path, machine=machine)
     for note in recording.notes:
         log.info("%s: %s", path.name, note)
@@ -225,11 +214,3 @@ def _materials(workspace: Workspace) -> dict[str, Material]:
     path = None if own is None else workspace.root / own
     names = set(config.shipped("materials")) | set(config.read_toml(path) if path else {})
     return {name: config.material(name, path) for name in sorted(names)}
-
-
-def _key_of(path: Path) -> str:
-    """The digest of an arrival; of its name where it holds what is not read (links)."""
-    try:
-        return arrival_digest(path)
-    except StoreError:
-        return digest_of(["unreadable", path.name])

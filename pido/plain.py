@@ -9,9 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pido import parts, production
+from pido import departures, parts, production
 from pido.arrivals import production_order
-from pido.core.errors import PidoError, UnavailableError
 from pido.workspace import Workspace
 
 Progress = Callable[[int, int, str], None]
@@ -31,7 +30,8 @@ def run(
     from_inbox : arrivals are moved away when they are done, or into the rejected area; else files stay where they are
     patient : what cannot be read may still be on its way (a slow copy that paused): leave it for a later look
 
-    Raises UnavailableError or OSError where the workspace cannot be read or written now: nothing is rejected for that.
+    Raises UnavailableError or OSError where the workspace cannot be read or written now, SettingsError where its
+    settings cannot be used: nothing is rejected for that.
     """
     root = str(workspace.root)
     done: list[dict[str, Any]] = []
@@ -44,32 +44,35 @@ def run(
             arrived = parts.ingest(root, str(path), machine)
         except parts.Changed:
             continue  # seen again when it has come to rest
-        except UnavailableError:
-            raise  # the disk's fault, not the part's
-        except PidoError as error:
+        except parts.Refused as refused:
             if patient:
                 continue
-            parts.reject(workspace, path, str(error), move=from_inbox)
-            rejected.append({"path": str(path), "reason": str(error)})
+            departures.reject(workspace, path, refused.key, str(refused), move=from_inbox)
+            rejected.append({"path": str(path), "reason": str(refused)})
             continue
         key, fault, new = one(root, arrived["machine"], arrived["part"])
         done += [production.outcome(root, key)] if new else []
         if from_inbox:
-            parts.put_away(workspace, path)
+            departures.put_away(workspace, path, arrived["key"])
     progress(len(order), len(order), "done")
     return {"done": done, "rejected": rejected, "fault": fault}
 
 
 def retrain_all(workspace: Workspace, progress: Progress) -> dict[str, Any]:
-    """Every machine's challenger brought up to its parts and settings, also when nothing arrived."""
+    """Every machine's challenger brought up to its parts and settings, also when nothing arrived.
+
+    Raises PidoError with each machine that failed, after all were tried.
+    """
     root = str(workspace.root)
-    machines = production.machines(root)
+    waiting = production.machines(root)
     done: list[dict[str, Any]] = []
-    fault = ""
-    for number, machine in enumerate(machines):
-        progress(number, len(machines), machine)
-        key, fault, new = one(root, machine, None)
-        done += [production.outcome(root, key)] if new else []
+
+    def retrained(machine: str) -> None:
+        progress(waiting.index(machine), len(waiting), machine)
+        key, _, new = one(root, machine, None)
+        done.extend([production.outcome(root, key)] if new else [])
+
+    _, fault = production.every_machine(root, retrained, production.log)
     return {"done": done, "rejected": [], "fault": fault}
 
 

@@ -27,7 +27,7 @@ import pandas as pd
 from pido import accepted, iteration
 from pido.core.axes import AXES
 from pido.core.columns import INPUTS
-from pido.core.errors import StoreError
+from pido.core.errors import PidoError, StoreError
 from pido.core.files import write_atomically
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, Samples
@@ -48,7 +48,7 @@ from pido.tracking.ledger import Ledger, Version
 from pido.tracking.report_files import OTHER_END, RunFiles
 from pido.workspace import Workspace, code_version, digest_of
 
-__all__ = ["STAGES", "begin", "clear", "done", "ingest", "log", "machines", "outcome"]
+__all__ = ["STAGES", "begin", "clear", "done", "every_machine", "ingest", "log", "machines", "outcome"]
 log_ = logging.getLogger(__name__)
 
 BEFORE, ALL = "before", "all"
@@ -349,6 +349,26 @@ def outcome(root: str, key: str) -> dict[str, Any]:
 def machines(root: str) -> list[str]:
     """Machines that have parts."""
     return Ledger(Workspace.open(root).ledger).machines()
+
+
+def every_machine(root: str, work: Callable[[str], Any], log: Callable[[str], dict[str, Any]]) -> tuple[list[Any], str]:
+    """(What `work` returns for each machine that has parts, why MLflow has not got all of it or ''). One machine that
+    fails holds up neither the others nor what MLflow has missed.
+
+    Raises PidoError at the end, with each machine that failed and why.
+    """
+    found, faults = [], []
+    for machine in machines(root):
+        try:
+            found.append(work(machine))
+        except Exception as error:  # a bug, too, costs one machine only; its traceback is kept here
+            deliberate = isinstance(error, PidoError)
+            log_.error("%s: %s", machine, error, exc_info=None if deliberate else error)
+            faults.append(f"  {machine}: {error if deliberate else repr(error)}")
+    fault = log(root)["fault"]
+    if faults:
+        raise PidoError(f"{root}: {len(faults)} machine(s) failed, and no other:\n" + "\n".join(faults))
+    return found, fault
 
 
 def models_in(found: bundle.Bundle) -> AxisModels:

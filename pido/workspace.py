@@ -14,6 +14,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
       monitor/         verdicts, alarms and the answers to them, per machine
       diagnosis/       what the simulation of the newest parts left out, per machine (can be deleted)
+      backlog/         what in an inbox could not be done yet
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ from plain_parts import parts as made_up
 
 from pido import parts
 from pido.arrivals import Inbox, production_order
-from pido.core.errors import StoreError, UnavailableError
+from pido.core.errors import SettingsError, StoreError, UnavailableError
+from pido.core.recording import Recording
 from pido.plain import run
 from pido.recordings.folder import write_folder
 from pido.store import Store
@@ -159,6 +160,53 @@ def test_a_part_is_not_rejected_for_a_fault_of_the_disk(tmp_path):
     workspace.ledger.unlink()
     assert arrived.exists()
     assert run(workspace, [arrived], None, lambda *about: None, from_inbox=True)["done"]
+
+
+JOB = 'machine = "cmx600v"\n[tools.T1]\ndiameter_mm = 10.0\nteeth = 2\n'
+CUT = 'material = "S235JR"\nstock = { mesh = "gone.stl" }\n'
+FAULTS_OF_THE_PLANT = {
+    "half a line was saved": ("rate_hz = \n", ""),
+    "a key that is none": ("rate = 50\n", ""),
+    "a machine nobody knows": ('machine = "nobody"\n', ""),
+    "machines are away": ('machines_file = "share/machines.toml"\n', ""),
+    "materials are away": ('materials_file = "share/materials.toml"\n', ""),
+    "jobs are away": ('jobs = { cmx600v = "share/job.toml" }\n', ""),
+    "a job that is no TOML": ('jobs = { cmx600v = "job.toml" }\n', "machine = \n"),
+    "a job of a machine nobody knows": ('jobs = { cmx600v = "job.toml" }\n', JOB.replace("cmx600v", "nobody")),
+    "a job of a material nobody knows": ('jobs = { cmx600v = "job.toml" }\n', 'material = "cheese"\n' + JOB),
+    "a raw part that is away": ('jobs = { cmx600v = "job.toml" }\n', CUT + JOB),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS_OF_THE_PLANT)
+def test_a_part_is_not_rejected_for_a_fault_of_the_plants_settings(tmp_path, fault):
+    workspace, arrived = one_part(tmp_path)
+    part = next(iter(made_up(1))).rows(slice(0, 400))
+    if "raw part" in fault:  # without process quantities the raw part is asked for
+        columns = {name: values for name, values in part.columns.items() if not name.endswith("_sim")}
+        part = Recording(part.part, columns, part.notes)
+        write_folder(part, arrived)
+    settings, job = FAULTS_OF_THE_PLANT[fault]
+    good = (workspace.root / "workspace.toml").read_text()
+    (workspace.root / "workspace.toml").write_text(settings + good)
+    (workspace.root / "job.toml").write_text(job)
+    for patient in (True, False):
+        with pytest.raises(SettingsError):
+            run(workspace, [arrived], None, lambda *about: None, from_inbox=True, patient=patient)
+    assert arrived.exists()
+    assert Ledger(workspace.ledger).rejections() == []
+    (workspace.root / "workspace.toml").write_text("air_cut = true\n" + good)
+    assert parts.ingest(str(workspace.root), str(arrived))["new"]
+
+
+@pytest.mark.parametrize(("key", "value", "named"), [("machine", "nobody", "nobody"), ("oder", 1, "oder")])
+def test_a_part_is_rejected_for_a_fault_of_its_own_part_json(tmp_path, key, value, named):
+    workspace, arrived = one_part(tmp_path)
+    about = json.loads((arrived / "part.json").read_text())
+    (arrived / "part.json").write_text(json.dumps({**about, key: value}))
+    answer = run(workspace, [arrived], None, lambda *about: None, from_inbox=True)
+    assert named in answer["rejected"][0]["reason"]
+    assert not arrived.exists()
 
 
 def test_a_ledger_whose_making_was_cut_off_is_finished_by_the_next_one(tmp_path):

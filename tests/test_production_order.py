@@ -218,6 +218,25 @@ def test_a_file_that_changes_while_it_is_read_is_left_for_later(folders, tmp_pat
     assert Ledger(workspace.ledger).rejections() == []
 
 
+def test_a_machine_that_fails_holds_up_neither_the_others_nor_mlflow(folders, tmp_path, monkeypatch):
+    workspace = workspace_at(tmp_path / "plant")
+    other = next(made_up(1, machine="dmc60h")).rows(slice(0, 700))
+    with monkeypatch.context() as away:
+        away.setattr(production, "log", lambda root: {"logged": 0, "fault": ""})
+        run(workspace, folders[0], write_folder(other, tmp_path / "other"))
+    ledger, file = Ledger(workspace.ledger), workspace.root / "workspace.toml"
+    method = file.read_text()
+    assert len(ledger.not_logged()) == 2
+    file.write_text('jobs = { cmx600v = "a.toml", dmc60h = "b.toml" }\n' + method)
+    with pytest.raises(PidoError, match=r"(?s)2 machine.*cmx600v: .*a\.toml.*dmc60h: .*b\.toml"):
+        plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)
+    assert ledger.not_logged() == []
+    file.write_text('seed = 1\njobs = { cmx600v = "a.toml" }\n' + method)
+    with pytest.raises(PidoError, match=r"1 machine.*\n  cmx600v: .*a\.toml"):
+        plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)
+    assert [len(ledger.iterations(machine)) for machine in ("cmx600v", "dmc60h")] == [1, 2]
+
+
 def test_samples_come_back_from_their_file_bit_for_bit(folders, tmp_path):
     workspace = workspace_at(tmp_path / "plant")
     arrived = ingest(str(workspace.root), str(folders[0]))

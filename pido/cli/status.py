@@ -15,13 +15,15 @@ from pido.cli.places import existing, workspace_option
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")
 @click.option("--history", is_flag=True, help="also every decision in the audit log")
 def command(folder: Path, as_json: bool, history: bool) -> None:
-    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that were rejected.
+    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that were rejected, or
+    that are still to be done.
 
     \b
     pido status --workspace plant --history
     """
     from dataclasses import asdict
 
+    from pido.backlog import standing
     from pido.physics_journal import in_force, journal
     from pido.tracking import promotion
     from pido.tracking.ledger import Ledger
@@ -45,6 +47,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             for machine in ledger.machines()
         },
         "rejected": [{"name": a.name, "reason": a.reason} for a in ledger.rejections()],
+        "still_to_do": [asdict(one) for one in standing(workspace)],
         "not_in_mlflow_yet": len(ledger.not_logged()),
     }
     if as_json:
@@ -72,5 +75,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         click.echo("no iteration yet")
     for a in answer["rejected"]:
         click.echo(f"rejected  {a['name']}: {a['reason']}")
+    for one in answer["still_to_do"]:
+        click.echo(f"still to do  {Path(one['path']).name}, tried {one['tries']} time(s): {one['reason']}")
     if answer["not_in_mlflow_yet"]:
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) wait to be logged to MLflow")

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from pido.cli.places import workspace_option
 
 if TYPE_CHECKING:
     from pido.arrivals import Arrived
+    from pido.backlog import Backlog
     from pido.workspace import Workspace
 
 log = logging.getLogger(__name__)
@@ -37,20 +37,25 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     """Files and folders that appear in INBOX, by rename, slow copy or upload, each go through one iteration.
 
     What came while nobody watched is found at the start. A part that arrives twice counts once. What cannot be used
-    goes to the rejected area with its reason. Parts of one machine are done one after another, in production order.
+    goes to the rejected area with its reason. Parts of one machine are done one after another, in production order. One
+    whose iteration fails holds up no other: it is tried again, more and more seldom, and `pido status` names it.
 
     \b
     pido watch plant/inbox --workspace plant
     pido watch plant/inbox --workspace plant --once
     """
     from pido.arrivals import Inbox
+    from pido.backlog import Backlog
+    from pido.core.errors import PidoError
+    from pido.departures import bring_back
     from pido.workspace import Workspace
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     for chatty in ("httpx", "watchfiles"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
-    workspace = Workspace.open(folder)
-    take = _through_prefect(workspace, machine) if prefect else _in_this_process(workspace, machine, once)
+    workspace, inbox = Workspace.open(folder), inbox.absolute()  # a worker may have been started elsewhere
+    backlog = Backlog(workspace, inbox)
+    take = (_through_prefect if prefect else _in_this_process)(workspace, machine, backlog)
     watched = Inbox(inbox, workspace.settings.settle_s)
     stirred = threading.Event()
     due = _every(SWEEP_S)
@@ -59,31 +64,35 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
         _listen(inbox, stirred)
     while True:
         stirred.clear()
+        held = bring_back(workspace, inbox)
         arrived, waiting = watched.look()
         take(arrived)
         if due():
             _tell_mlflow(workspace)
-        if once and not waiting and not any(path.path.exists() for path in arrived):
+        left = [one for one in arrived if one.path.exists()]
+        waiting |= held and not left
+        if once and not waiting and all(backlog.reason(one) for one in left):
+            if left:
+                faults = "\n".join(f"  {one.path.name}: {backlog.reason(one)}" for one in left)
+                raise PidoError(f"{inbox}: {len(left)} arrival(s) are still to be done:\n{faults}")
             return
-        soon = waiting or any(path.path.exists() for path in arrived)
-        stirred.wait(min(workspace.settings.settle_s, 1.0) if soon else workspace.settings.scan_s)
+        stirred.wait(min(workspace.settings.settle_s, 1.0) if waiting or left else workspace.settings.scan_s)
 
 
-def _in_this_process(workspace: Workspace, machine: str | None, once: bool) -> Callable[[list[Arrived]], None]:
-    from pido.core.errors import UnavailableError
+def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog) -> Callable[[list[Arrived]], None]:
+    from pido.core.errors import PidoError
     from pido.plain import run
 
     grace = 5 * workspace.settings.settle_s
 
     def take(arrived: list[Arrived]) -> None:
-        for one in arrived:
+        for one in backlog.due(arrived):
             try:
                 # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
                 answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
-            except (UnavailableError, OSError) as error:
-                if once:
-                    raise
-                log.warning("%s is still to be done (%s); tried again with the next look", one.path.name, error)
+            except (PidoError, OSError) as error:
+                again = backlog.tried(one, str(error))
+                log.warning("%s is still to be done, and tried again in %.0f s: %s", one.path.name, again, error)
                 continue
             for done in answer["done"]:
                 log.info("%s: version %d of %s", one.path.name, done["version"], done["machine"])
@@ -97,18 +106,18 @@ def _silent(done: int, total: int, what: str) -> None:
     """Nobody watches a watcher's progress: its log says what was done."""
 
 
-def _through_prefect(workspace: Workspace, machine: str | None) -> Callable[[list[Arrived]], None]:
+def _through_prefect(workspace: Workspace, machine: str | None, backlog: Backlog) -> Callable[[list[Arrived]], None]:
     from flows.submit import AWAY, submit, sweep
 
     due = _every(SWEEP_S)
-    asked: Counter[str] = Counter()
 
     def take(arrived: list[Arrived]) -> None:
         # A server that is away for a while is no reason to stop watching: what has arrived is still there.
         try:
-            # In production order, but what was asked for before and is still here lets the others go first.
-            for one in sorted(arrived, key=lambda one: asked[one.digest]):
-                asked[one.digest] += submit(str(workspace.root), str(one.path), one.digest, machine)
+            for one in backlog.due(arrived):
+                if submit(str(workspace.root), str(one.path), one.digest, machine):
+                    before = backlog.tries(one)
+                    backlog.tried(one, f"{before} run(s) have not taken it: see its runs in Prefect" if before else "")
             if due():
                 sweep(workspace)
         except AWAY as error:
@@ -133,9 +142,15 @@ def _every(seconds: float) -> Callable[[], bool]:
 
 def _tell_mlflow(workspace: Workspace) -> None:
     """What MLflow missed while it was away; in a process of its own, for a watcher stays small for months."""
+    from pido.core.errors import PidoError
     from pido.tracking.mirror import up_to_date
 
-    if not up_to_date(workspace):
+    try:
+        known = up_to_date(workspace)
+    except PidoError as error:
+        log.warning("whether MLflow has missed anything is not known: %s", error)
+        return
+    if not known:
         call = [sys.executable, "-c", "import sys; from pido.production import log; log(sys.argv[1])"]
         subprocess.run([*call, str(workspace.root)], check=False)
 

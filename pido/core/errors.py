@@ -20,6 +20,11 @@ class SettingsError(PidoError):
     """Settings (machine, material, tool, stock, part.json) that are missing, unknown or impossible."""
 
 
+class SettingsFileError(SettingsError):
+    """A file of the plant (workspace.toml, job, machines, materials, mesh of a raw part) that is missing or faulty. No
+    part is at fault for it: correct the file and ask again."""
+
+
 class ProgramError(PidoError):
     """An NC program that cannot be interpreted; names line and text."""
 

@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pido.core.arrays import Float1D, Float2D
-from pido.core.errors import SettingsError
+from pido.core.errors import SettingsError, SettingsFileError
 from pido.core.machining import Stock
 from pido.physics.frames import TOOL_FRAME, to_tool_frame
 from pido.process.cells import COV, FIELDS, LOW, N_U, N_V, TOP
@@ -101,19 +101,19 @@ def mesh(path: Path, grid_mm: float = DEFAULT_GRID_MM, tool_axis: str = "z", off
 
     Each cell takes the height of the upper surface over its centre.
 
-    Raises SettingsError for a file that is missing, unreadable, empty, or flat.
+    Raises SettingsFileError for a file that is missing, unreadable, empty, or flat.
     """
     import trimesh
 
     if not path.is_file():
-        raise SettingsError(f"{path}: no such raw part.")
+        raise SettingsFileError(f"{path}: no such raw part.")
     try:
         loaded = trimesh.load_mesh(str(path))
     except Exception as error:  # trimesh raises whatever its parsers raise
-        raise SettingsError(f"{path}: not a mesh that can be read ({error}). Export it as STL, in mm.") from error
+        raise SettingsFileError(f"{path}: not a mesh that can be read ({error}). Export it as STL, in mm.") from error
     triangles = np.asarray(getattr(loaded, "triangles", np.zeros((0, 3, 3))), float)
     if not len(triangles) or not np.isfinite(triangles).all():
-        raise SettingsError(f"{path}: holds no triangles with finite corners. Export the raw part as STL, in mm.")
+        raise SettingsFileError(f"{path}: holds no triangles with finite corners. Export the raw part as STL, in mm.")
     return from_triangles(triangles + np.asarray(offset_mm, float), grid_mm, tool_axis, where=str(path))
 
 
@@ -122,7 +122,7 @@ def from_triangles(triangles, grid_mm: float, tool_axis: str = "z", where: str =
     uvw = np.ascontiguousarray(np.asarray(triangles, float)[..., TOOL_FRAME[tool_axis]])
     low, high = uvw.reshape(-1, 3).min(0), uvw.reshape(-1, 3).max(0)
     if (high - low <= 0).any():
-        raise SettingsError(f"{where}: has no volume (size {np.round(high - low, 3).tolist()} mm).")
+        raise SettingsFileError(f"{where}: has no volume (size {np.round(high - low, 3).tolist()} mm).")
     n_u, n_v = _size(high[:2] - low[:2], grid_mm)
     # Centred, so that both outer columns reach equally far beyond the part.
     corner = low[:2] - 0.5 * (np.array([n_u, n_v]) * grid_mm - (high[:2] - low[:2]))

@@ -125,8 +125,11 @@ class Store:
         """Where the content of this digest lies."""
         return self.root / "parts" / digest[:2] / f"{digest}.parquet"
 
-    def reject(self, path: Path, reason: str) -> Path:
-        """Move what cannot be used to the rejected area, with the reason beside it; the index is not touched."""
+    def reject(self, path: Path, reason: str, source: Path | None = None) -> Path:
+        """Move what cannot be used to the rejected area, with the reason beside it; the index is not touched.
+
+        source : where it came from, if that is not `path`
+        """
         path = Path(path)
         area = self.root / "rejected"
         area.mkdir(parents=True, exist_ok=True)
@@ -134,7 +137,7 @@ class Store:
             try:
                 # The reason first, exclusively: it reserves the name against a second process.
                 with place.with_name(f"{place.name}.reason.txt").open("x", encoding="utf-8") as handle:
-                    handle.write(f"{path}\n{reason}\n")
+                    handle.write(f"{source or path}\n{reason}\n")
             except FileExistsError:
                 continue
             shutil.move(path, place)

@@ -79,6 +79,56 @@ def test_a_recording_that_cannot_be_used_fails_its_run_and_lies_in_the_rejected_
     assert Ledger(workspace.ledger).machines() == []
 
 
+def test_a_part_waits_in_the_inbox_while_the_plants_settings_are_at_fault(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    part = deliver(workspace, 1)
+    (workspace.root / "workspace.toml").write_text('[jobs]\ncmx600v = "share/gear.toml"\n')
+    done = flow(workspace, part)
+    assert done.returncode != 0
+    assert "gear.toml: no such settings file" in done.stderr
+    assert part.exists()
+    assert Ledger(workspace.ledger).rejections() == []
+
+
+def test_a_machine_that_fails_does_not_end_the_night_for_the_others(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    other = next(made_up(1, machine="dmc60h")).rows(slice(0, 700))
+    assert flow(workspace, deliver(workspace, 1), write_folder(other, workspace.inbox / "other")).returncode == 0
+    (workspace.root / "workspace.toml").write_text('seed = 1\njobs = { cmx600v = "gear.toml" }\n' + SETTINGS)
+    code = "import sys; from flows.new_part import nightly; nightly(sys.argv[1])"
+    night = subprocess.run([sys.executable, "-c", code, str(workspace.root)], capture_output=True, text=True)
+    assert night.returncode != 0
+    assert "1 machine(s) failed, and no other:\n  cmx600v: " in night.stderr
+    ledger = Ledger(workspace.ledger)
+    assert [len(ledger.iterations(machine)) for machine in ("cmx600v", "dmc60h")] == [1, 2]
+
+
+ASKED_FOR = """
+import threading, time
+from prefect.client.orchestration import get_client
+from prefect.states import Completed
+from flows.new_part import new_part
+from pido.cli.watch import command
+
+new_part.to_deployment("arrivals").apply()
+words = ["plant/inbox", "--workspace", "plant", "--prefect"]
+threading.Thread(target=command.main, args=[words], kwargs={"standalone_mode": False}, daemon=True).start()
+with get_client(sync_client=True) as client:
+    while not (runs := [run for run in client.read_flow_runs() if "unread.csv" in run.parameters["path"]]):
+        time.sleep(0.2)
+    client.set_flow_run_state(runs[0].id, Completed(), force=True)
+print(runs[0].parameters["workspace"], runs[0].parameters["path"])
+"""
+
+
+def test_a_run_is_asked_for_by_paths_that_hold_wherever_its_worker_was_started(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    (workspace.inbox / "unread.csv").write_text("time,curr_x")
+    call = [sys.executable, "-c", ASKED_FOR]
+    done = subprocess.run(call, capture_output=True, text=True, check=True, cwd=tmp_path, timeout=120)
+    assert done.stdout.split()[-2:] == [str(workspace.root), str(workspace.inbox / "unread.csv")]
+
+
 TWO_AT_A_TIME = """
 import sys
 from pathlib import Path
@@ -86,12 +136,15 @@ from prefect.client.orchestration import get_client
 from prefect.states import Completed, Crashed
 from flows.new_part import new_part
 from pido.arrivals import Arrived
+from pido.backlog import Backlog
 from pido.cli.watch import _through_prefect
 from pido.workspace import Workspace
 
 new_part.to_deployment("arrivals").apply()
 inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 1.0) for k in range(5)]
-look = _through_prefect(Workspace.open(sys.argv[1]), None)
+clock, place = [0.0], Workspace.open(sys.argv[1])
+backlog = Backlog(place, place.inbox, lambda: clock[0])
+look = _through_prefect(place, None, backlog)
 with get_client(sync_client=True) as client:
     def asked():
         runs = sorted(client.read_flow_runs(), key=lambda run: run.created)
@@ -110,8 +163,17 @@ with get_client(sync_client=True) as client:
     assert asked() == [0, 1, 2, 3], "what was asked for before lets the others go first"
     ends(2, Completed())
     ends(3, Completed())
+    clock[0] = 2.0
     look([inbox[1], inbox[4]])
     assert asked() == [0, 1, 2, 3, 4, 1], "a run that was lost is asked for again"
+    ends(1, Crashed())
+    clock[0] = 5.0
+    look([inbox[1]])
+    assert len(asked()) == 6, "but more and more seldom"
+    clock[0] = 6.0
+    look([inbox[1]])
+    assert asked() == [0, 1, 2, 3, 4, 1, 1]
+    assert "2 run(s) have not taken it" in backlog.reason(inbox[1])
 """
 
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from plain_parts import parts as made_up
 
 from pido.core.names import file_name
-from pido.parts import ingest, put_away
+from pido.departures import put_away
+from pido.parts import ingest
 from pido.recordings.folder import write_folder
 from pido.store import Store
 from pido.supervision.book import Book
@@ -40,7 +41,7 @@ def test_a_part_and_a_machine_with_hostile_names_leave_nothing_outside_the_works
     arrived = write_folder(named, tmp_path / "in" / "p")
     workspace = Workspace.open(tmp_path / "deep" / "plant")
     taken = ingest(str(workspace.root), str(arrived))
-    put_away(workspace, arrived)
+    assert put_away(workspace, arrived, taken["key"]) is not None
     assert Store(workspace.store).load(taken["part"]).part.part == name
     with workspace.lock(name):
         Book(workspace, name).verdict({"part": name, "digest": "d", "machine": name, "good": True, "alarms": []})
