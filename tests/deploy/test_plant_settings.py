@@ -1,19 +1,17 @@
-"""The plant's settings, its compose file, backup and restore: what can be checked without starting a server."""
+"""The plant's settings and its compose file: what can be checked without starting a server."""
 
 from __future__ import annotations
 
 import re
-import sqlite3
 import stat
 import subprocess
 import sys
-import tarfile
 from pathlib import Path
 
 import pytest
 import yaml
 
-from deploy import backup, postgres
+from deploy import postgres
 from deploy.entry import login_file
 from deploy.services import services
 from deploy.settings import DATABASES, SECRETS, load, read_env
@@ -95,43 +93,3 @@ def test_a_password_with_a_per_cent_sign_survives_the_login_file():
     parser = configparser.ConfigParser()
     parser.read_string(login_file("postgresql://u:a%40b@h/d", "admin"))
     assert parser["mlflow"]["database_uri"] == "postgresql://u:a%40b@h/d"
-
-
-def test_a_backup_holds_what_was_committed_while_a_database_is_in_use(settings, tmp_path, monkeypatch):
-    monkeypatch.setattr(postgres, "dump", lambda settings, folder: None)
-    store = settings.workspace / "store"
-    store.mkdir(parents=True)
-    (store / "part.parquet").write_bytes(b"rows")
-    with sqlite3.connect(settings.workspace / "ledger.db") as db:
-        db.execute("PRAGMA journal_mode=WAL")
-        db.execute("CREATE TABLE parts(digest TEXT)")
-        db.execute("INSERT INTO parts VALUES ('abc')")
-        db.commit()
-        backup.backup(settings, tmp_path / "backup.tar")
-    db.close()
-    backup.unpack(tmp_path / "backup.tar", tmp_path / "again")
-    assert (tmp_path / "again" / "workspace" / "store" / "part.parquet").read_bytes() == b"rows"
-    copy = sqlite3.connect(tmp_path / "again" / "workspace" / "ledger.db")
-    assert copy.execute("SELECT digest FROM parts").fetchall() == [("abc",)]
-    copy.close()
-    assert load(tmp_path / "again").postgres_password == settings.postgres_password
-
-
-def test_a_backup_is_never_unpacked_over_something(settings, tmp_path):
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "file").write_text("precious")
-    with pytest.raises(PidoError, match="not empty"):
-        backup.unpack(tmp_path / "any.tar", tmp_path / "full")
-
-
-def test_an_archive_that_climbs_out_of_its_folder_is_refused(tmp_path):
-    import io
-
-    evil = tmp_path / "evil.tar"
-    with tarfile.open(evil, "w") as tar:
-        entry = tarfile.TarInfo("../outside")
-        entry.size = 1
-        tar.addfile(entry, io.BytesIO(b"x"))
-    with pytest.raises(PidoError, match="not a whole backup"):
-        backup.unpack(evil, tmp_path / "place")
-    assert not (tmp_path / "outside").exists()
