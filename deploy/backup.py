@@ -1,7 +1,7 @@
 """Backup and restore of everything a plant holds, one file each.
 
 In:  a plant's folder. Out: a .tar with the workspace, MLflow's artifacts, the settings' secrets, and a dump of each
-database. SQLite files are copied through SQLite, so that a copy taken while one is written is whole.
+database. It may be taken while the plant runs: what arrives meanwhile is done by the restored plant.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 from deploy import postgres
 from deploy.settings import PlantSettings
 from pido.core.errors import StoreError
+from pido.workspace import arrival_digest
 
 _SQLITE = ("", "-wal", "-shm", "-journal")
 """Endings of the files of one database."""
@@ -63,20 +64,56 @@ def restore_databases(settings: PlantSettings) -> None:
 
 
 def _snapshot(settings: PlantSettings, copy: Path, left_out: set[Path]) -> None:
-    """Everything of the plant into the empty folder `copy`, without what is `left_out`."""
+    """Everything of the plant into the empty folder `copy`, without what is `left_out`.
+
+    The order makes it whole while parts arrive. Decisions are read before the ledger, which then knows their versions;
+    what the ledger names in store, bundles, runs and MLflow was written before it, and is read after it; and whatever
+    has arrived and is not done by that ledger lies in the copy's inbox.
+    """
     folder, place = settings.folder, settings.workspace
-    # The ledger first: what it names is in store, bundles and runs already, for they are written before it.
+    there = copy / place.relative_to(folder)
+    there.mkdir()
+    _copy(place / "registry", there / "registry")
+    done = {path.name for path in _inside(place / "taken")}
     databases = [place / "ledger.db", place / "mlflow.db", place / "store" / "index.sqlite"]
     for database in databases:
         if database.exists():
             _copy_sqlite(database, copy / database.relative_to(folder))
-    left_out = left_out | {database.with_name(database.name + end) for database in databases for end in _SQLITE}
-    left_out |= {folder / name for name in ("postgres", "logs")}
-    left_out |= {place / name for name in ("locks", "derived", "work", "worker.alive", "watcher.alive")}
-    _copy(folder, copy, left_out)
     dumps = copy / "dumps"
     dumps.mkdir()
     postgres.dump(settings, dumps)
+    _copy_arrivals(place, there, done)
+    left_out = left_out | {database.with_name(database.name + end) for database in databases for end in _SQLITE}
+    left_out |= {folder / name for name in ("postgres", "logs")}
+    left_out |= {place / name for name in ("registry", "inbox", "taken")}  # as above
+    left_out |= {place / name for name in ("locks", "derived", "work", "worker.alive", "watcher.alive")}
+    _copy(folder, copy, left_out)
+
+
+def _copy_arrivals(place: Path, there: Path, done: Container[str]) -> None:
+    """Inbox and taken arrivals. Of the latter, those that are not `done` by the ledger's copy go back to its inbox.
+
+    The inbox first: what leaves it meanwhile is met in `taken`.
+    """
+    inbox = there / "inbox"
+    inbox.mkdir()
+    for arrival in _inside(place / "inbox"):
+        _copy(arrival, inbox / arrival.name)
+        if not _is_there(arrival):
+            _remove(inbox / arrival.name)  # perhaps half of it
+    for arrival in _inside(place / "taken"):
+        if arrival.name in done:
+            (there / "taken").mkdir(exist_ok=True)
+            _copy(arrival, there / "taken" / arrival.name)
+            continue
+        key, _, name = arrival.name.partition("-")  # as `pido.parts.put_away` calls it
+        if not _is_there(inbox / name):
+            _copy(arrival, inbox / name)
+        elif not arrival_digest(inbox / name).startswith(key):
+            raise StoreError(
+                f"{place}: two arrivals called {name} came while the backup was made, and its inbox can hold one. "
+                "Make the backup again."
+            )
 
 
 def _copy_sqlite(source: Path, target: Path) -> None:
@@ -95,10 +132,29 @@ def _copy(source: Path, target: Path, left_out: Container[Path] = ()) -> None:
             shutil.copy2(source, target, follow_symlinks=False)
             return
         target.mkdir(exist_ok=True)
-        for inside in sorted(source.iterdir()):
+        for inside in _inside(source):
             if inside not in left_out:
                 _copy(inside, target / inside.name, left_out)
         shutil.copystat(source, target)
     except FileNotFoundError:
-        if source.is_symlink() or source.exists():
+        if _is_there(source):
             raise
+
+
+def _inside(folder: Path) -> list[Path]:
+    """What lies in a folder, sorted (an audit log before the pointer that completes it); nothing where it is gone."""
+    try:
+        return sorted(folder.iterdir())
+    except FileNotFoundError:
+        return []
+
+
+def _is_there(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+import itertools
 import sqlite3
 import stat
 import tarfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from deploy import backup, postgres
 from deploy.settings import PlantSettings, load
+from pido import parts
 from pido.core.errors import PidoError
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.store import Store
+from pido.tracking import bundle, promotion
+from pido.tracking.ledger import Ledger
+from pido.workspace import Workspace, arrival_digest
+
+MACHINE = "mill 1"
 
 
 @pytest.fixture
@@ -68,6 +82,70 @@ def test_what_arrives_may_be_called_like_a_database_or_like_what_is_left_out(set
     again = brought_back(settings, tmp_path / "again").workspace
     found = {str(p.relative_to(again)) for p in again.rglob("*") if not p.is_dir()}
     assert found == {*files, "inbox/link"}
+
+
+def test_a_part_that_is_done_while_a_backup_is_made_gets_its_turn_after_a_restore(settings, tmp_path):
+    place = Workspace.open(settings.workspace)
+    delivered: set[str] = set()
+    with working(place, tmp_path / "staging", delivered):
+        for number in range(8):
+            again = Workspace.open(brought_back(settings, tmp_path / f"again{number}").workspace)
+            ledger, store = Ledger(again.ledger), Store(again.store)
+            done, stored = set(ledger.parts(MACHINE)), {entry.digest: entry for entry in store.entries()}
+            waiting = {path.name: arrival_digest(path) for path in again.inbox.iterdir()}
+            assert {stored[digest].source for digest in stored.keys() - done} <= waiting.keys()
+            assert set(waiting.values()) <= delivered, "whole, or not there"
+            for arrival in again.taken.iterdir() if again.taken.exists() else ():
+                known = ledger.arrival(arrival_digest(arrival))
+                assert known is not None, arrival.name
+                assert known.part in done, arrival.name
+            assert all(len(store.load(digest)) for digest in done), "what is done has its recording"
+            known_versions = {standing.version.version for standing in promotion.standings(again, MACHINE)}
+            assert {decision.version for decision in promotion.history(again, MACHINE)} <= known_versions
+    assert len(Ledger(place.ledger).parts(MACHINE)) > 8, "the plant was at work all the time"
+
+
+@contextmanager
+def working(place: Workspace, staging: Path, delivered: set[str]) -> Iterator[None]:
+    """Parts that arrive, are done and put away, and versions that are approved, one after another, while the block
+    runs: what ingestion, iteration and decision write, in their order."""
+    ledger, store = Ledger(place.ledger), Store(place.store)
+    place.inbox.mkdir()
+    ended, faults = threading.Event(), []
+
+    def one(number: int) -> None:
+        arrival = place.inbox / f"p{number}"
+        (staging / arrival.name).mkdir(parents=True)
+        for name in ("part.json", "recording.parquet"):
+            (staging / arrival.name / name).write_bytes(name.encode() * 2000 + arrival.name.encode())
+        key = arrival_digest(staging / arrival.name)
+        delivered.add(key)
+        (staging / arrival.name).rename(arrival)
+        part = PartInfo(part=arrival.name, machine=MACHINE)
+        stored = store.add(Recording(part, {"time": np.arange(60) / 50.0}), source=arrival.name)
+        ledger.took(key, arrival.name, stored.digest)
+        models = {"x.skops": arrival.name.encode()}
+        made = bundle.save(place.bundles, {"machine": MACHINE, "parts": [stored.digest]}, models)
+        gate = {"passed": True, "words": ""}
+        version = ledger.finished(arrival.name, MACHINE, stored.digest, arrival.name, made.digest, gate, {})
+        parts.put_away(place, arrival)
+        promotion.approve(place, MACHINE, version, by="A. Ito", reason="it passed")
+
+    def on_and_on() -> None:
+        try:
+            for number in itertools.takewhile(lambda _: not ended.is_set(), itertools.count()):
+                one(number)
+        except BaseException as error:
+            faults.append(error)
+
+    thread = threading.Thread(target=on_and_on)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+    assert not faults
 
 
 def test_a_damaged_database_is_named_and_the_older_backup_stays(settings, tmp_path):
