@@ -13,6 +13,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       bundles/         models + equation + limits        registry/   champion per machine, audit log
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
       monitor/         verdicts, alarms and the answers to them, per machine
+      workspace.id     which it is, on a Prefect server that several share
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import fcntl
 import hashlib
 import json
 import os
+import secrets
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -125,6 +127,16 @@ class Workspace:
             lines += ["[jobs]", *(f"{json.dumps(m)} = {json.dumps(str(p))}" for m, p in jobs.items())] if jobs else []
             write_atomically(file, "\n".join(lines) + "\n")
         return cls.open(root)
+
+    @property
+    def id(self) -> str:
+        """Eight hexadecimal digits, drawn once and kept in the folder: it is known by them wherever it is moved to."""
+        path = self.root / "workspace.id"
+        if not path.exists():
+            with self.lock("workspace.id"):
+                if not path.exists():
+                    write_atomically(path, secrets.token_hex(4) + "\n")
+        return path.read_text(encoding="utf-8").strip()
 
     @property
     def inbox(self) -> Path:
