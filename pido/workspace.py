@@ -6,9 +6,9 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
 
     plant/
       workspace.toml   settings (optional)
-      inbox/           where parts arrive                rejected/   what cannot be used, each with its reason
-      taken/           what arrived and was taken in     work/       an iteration on its way (can be deleted)
-      store/           recordings, append-only           derived/    the samples made from them (can be deleted)
+      inbox/           where parts arrive                taken/      what arrived and was taken in
+      store/           recordings, append-only; in rejected/ what cannot be used, each with its reason
+      derived/         the samples made from them and work/, an iteration on its way (both can be deleted)
       ledger.db        what was done with each part      runs/       what each iteration found, by run key
       bundles/         models + equation + limits        registry/   champion per machine, audit log
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
@@ -141,10 +141,6 @@ class Workspace:
     @property
     def inbox(self) -> Path:
         return self.root / "inbox"
-
-    @property
-    def rejected(self) -> Path:
-        return self.root / "rejected"
 
     @property
     def store(self) -> Path:
