@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import stat
 import subprocess
@@ -12,7 +13,7 @@ import pytest
 import yaml
 
 from deploy import postgres
-from deploy.entry import login_file
+from deploy.entry import login_file, with_login
 from deploy.services import services
 from deploy.settings import DATABASES, SECRETS, load, read_env
 from pido.core.errors import PidoError
@@ -66,7 +67,7 @@ def test_no_secret_stands_in_the_repository_and_compose_asks_for_each():
     for service in COMPOSE["services"].values():
         for name, value in service.get("environment", {}).items():
             if re.search("PASSWORD|SECRET|AUTH_STRING|URI$|CONNECTION_URL", name) and "://mlflow" not in value:
-                assert "${" in value, name
+                assert "${" in value or "://{login}@" in value, name
 
 
 def test_both_arrangements_make_the_same_databases():
@@ -74,8 +75,34 @@ def test_both_arrangements_make_the_same_databases():
     assert tuple(made) == DATABASES
 
 
-def test_missing_secrets_are_made_once_and_readable_by_the_owner_alone(settings):
+def test_the_guides_command_brings_every_value_that_compose_asks_for():
+    [file] = re.findall(r"docker compose --env-file (\S+) up", (ROOT / "docs" / "guide" / "plant.md").read_text())
+    asked = set(re.findall(r"\$\{(\w+):\?", (ROOT / "docker-compose.yml").read_text()))
+    assert asked <= {*read_env(ROOT / file), *SECRETS}
+
+
+@pytest.mark.parametrize("password", ["a@b", "a/b#c?d=e:f", "100 %", "%40", "{login}", "ü'\""])
+def test_any_password_reaches_the_database_from_a_container_and_from_a_process(settings, password):
+    from sqlalchemy import make_url
+
+    inside = with_login({
+        "PIDO_POSTGRES_USER": "pi do", "PIDO_POSTGRES_PASSWORD": password,
+        **{k: v for s in COMPOSE["services"].values() for k, v in s["environment"].items() if "{login}" in v},
+    })  # fmt: skip
+    outside = dataclasses.replace(settings, postgres_user="pi do", postgres_password=password)
+    for address in (*inside.values(), outside.database("mlflow", "psycopg2")):
+        found = make_url(address)
+        assert (found.username, found.password) == ("pi do", password)
+        assert found.host in ("postgres", "127.0.0.1")
+    assert len(inside) == 3
+
+
+def test_missing_secrets_are_made_once_and_readable_by_the_owner_alone(settings, monkeypatch):
     file = settings.folder / "secrets.env"
+    monkeypatch.setattr(postgres, "command", lambda settings: ["postgres"])
+    monkeypatch.setattr(postgres, "user", lambda: None)
+    services(settings)
+    assert stat.S_IMODE((settings.folder / "mlflow_auth.ini").stat().st_mode) == 0o600
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert load(settings.folder) == settings
     assert len({settings.postgres_password, settings.prefect_password, settings.mlflow_password}) == 3
