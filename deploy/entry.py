@@ -1,13 +1,32 @@
-"""First process of a container: writes MLflow's login file from the environment, then becomes the command.
+"""First process of a container: completes addresses of databases, writes MLflow's login file, becomes the command.
 
-In:  PIDO_MLFLOW_AUTH_DATABASE, where the container is MLflow's. Out: never; the command takes its place.
+In:  the environment: PIDO_POSTGRES_USER and PIDO_POSTGRES_PASSWORD, which take the place of {login} in other values;
+PIDO_MLFLOW_AUTH_DATABASE, where the container is MLflow's. Out: never; the command takes its place.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from urllib.parse import quote
+
+
+def login(user: str, password: str) -> str:
+    """User and password as they stand in an address, whatever signs are in them.
+
+    >>> login("pido", "a@b/c")
+    'pido:a%40b%2Fc'
+    """
+    return f"{quote(user, safe='')}:{quote(password, safe='')}"
+
+
+def with_login(environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment with the database's login in place of {login}, and without user and password."""
+    rest = dict(environment)
+    who = login(rest.pop("PIDO_POSTGRES_USER", ""), rest.pop("PIDO_POSTGRES_PASSWORD", ""))
+    return {name: value.replace("{login}", who) for name, value in rest.items()}
 
 
 def login_file(database: str, admin: str) -> str:
@@ -23,12 +42,13 @@ def login_file(database: str, admin: str) -> str:
 
 
 def main() -> None:
-    database = os.environ.pop("PIDO_MLFLOW_AUTH_DATABASE", None)
+    environment = with_login(os.environ)
+    database = environment.pop("PIDO_MLFLOW_AUTH_DATABASE", None)
     if database:
-        path = Path(os.environ["MLFLOW_AUTH_CONFIG_PATH"])
+        path = Path(environment["MLFLOW_AUTH_CONFIG_PATH"])
         path.touch(mode=0o600)
-        path.write_text(login_file(database, os.environ["MLFLOW_AUTH_ADMIN_USERNAME"]), encoding="utf-8")
-    os.execvp(sys.argv[1], sys.argv[1:])
+        path.write_text(login_file(database, environment["MLFLOW_AUTH_ADMIN_USERNAME"]), encoding="utf-8")
+    os.execvpe(sys.argv[1], sys.argv[1:], environment)
 
 
 if __name__ == "__main__":

@@ -93,6 +93,5 @@ def services(settings: PlantSettings) -> list[Service]:
 
 def _mlflow_login(settings: PlantSettings) -> Path:
     path = settings.folder / "mlflow_auth.ini"
-    write_atomically(path, login_file(settings.database("mlflow_auth", "psycopg2"), settings.mlflow_user))
-    path.chmod(0o600)
+    write_atomically(path, login_file(settings.database("mlflow_auth", "psycopg2"), settings.mlflow_user), 0o600)
     return path

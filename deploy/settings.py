@@ -10,8 +10,8 @@ import os
 import secrets
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import quote
 
+from deploy.entry import login
 from pido.core.errors import SettingsError
 from pido.core.files import write_atomically
 
@@ -52,8 +52,8 @@ class PlantSettings:
 
     def database(self, name: str, driver: str) -> str:
         """Address of a database for SQLAlchemy."""
-        login = f"{quote(self.postgres_user)}:{quote(self.postgres_password)}"
-        return f"postgresql+{driver}://{login}@127.0.0.1:{self.postgres_port}/{name}"
+        who = login(self.postgres_user, self.postgres_password)
+        return f"postgresql+{driver}://{who}@127.0.0.1:{self.postgres_port}/{name}"
 
     def client_environment(self) -> dict[str, str]:
         """What a client (worker, watcher, a person's shell) needs to be let in."""
@@ -115,6 +115,5 @@ def _secrets(folder: Path) -> dict[str, str]:
     missing = [name for name in SECRETS if name not in known and not os.environ.get(name)]
     if missing:
         known |= {name: secrets.token_urlsafe(24) for name in missing}
-        write_atomically(path, "".join(f"{name}={value}\n" for name, value in known.items()))
-        path.chmod(0o600)
+        write_atomically(path, "".join(f"{name}={value}\n" for name, value in known.items()), 0o600)
     return known

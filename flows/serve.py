@@ -12,10 +12,14 @@ import os
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import click
+from prefect import Flow
+from prefect.client.orchestration import get_client
 from prefect.runner import Runner
 
+from flows import ownership
 from flows.diagnose import diagnose_newest
 from flows.experiment import experiment
 from flows.new_part import new_part, nightly, retrain_machine
@@ -37,16 +41,23 @@ def main(folder: Path) -> None:
     workspace = Workspace.open(folder)
     threading.Thread(target=_beat, args=(workspace.root / "worker.alive",), daemon=True).start()
     start_warm()
-    place = {"workspace": str(workspace.root)}
+    offered: list[tuple[Flow[..., Any], str, dict[str, Any]]] = [
+        (new_part, ownership.FIRST, {}),
+        (retrain_machine, "on-request", {}),
+        (nightly, "nightly", {"cron": os.environ.get("PIDO_NIGHTLY", "0 3 * * *")}),
+        (diagnose_newest, "newest", {}),
+        (promote, "approval", {}),
+        (experiment, "on-request", {}),
+    ]
+    own = {"parameters": {"workspace": str(workspace.root)}, "tags": [ownership.tag(workspace.root)]}
     # Not paused while the worker is away: what is asked for meanwhile waits for it.
     runner = Runner(limit=3, pause_on_shutdown=False)
-    cron = os.environ.get("PIDO_NIGHTLY", "0 3 * * *")
-    runner.add_flow(new_part, "arrivals", parameters=place)
-    runner.add_flow(retrain_machine, "on-request", parameters=place)
-    runner.add_flow(nightly, "nightly", parameters=place, cron=cron)
-    runner.add_flow(diagnose_newest, "newest", parameters=place)
-    runner.add_flow(promote, "approval", parameters=place)
-    runner.add_flow(experiment, "on-request", parameters=place)
+    with get_client(sync_client=True) as client:
+        ending = ownership.ending(client, workspace)
+        for flow, name, more in offered:
+            runner.add_flow(flow, f"{name}{ending}", **own, **more)
+        for flow, _, _ in offered:  # two that were first at the same moment: one of them starts again as the second
+            ownership.deployment(client, workspace.root, flow.name)
     asyncio.run(runner.start())
 
 

@@ -16,24 +16,25 @@ from datetime import UTC, datetime, timedelta
 from uuid import NAMESPACE_URL, uuid5
 
 from httpx import HTTPError
-from prefect.client.orchestration import get_client
+from prefect.client.orchestration import SyncPrefectClient, get_client
 from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterState, FlowRunFilterStateType, FlowRunFilterTags
 from prefect.client.schemas.objects import FlowRun, StateType
 from prefect.deployments import run_deployment
 from prefect.events import emit_event
-from prefect.exceptions import ObjectNotFound, PrefectException
+from prefect.exceptions import PrefectException
 from prefect.runtime import flow_run
 from prefect.states import Crashed
 
+from flows import ownership
 from pido.workspace import Workspace, digest_of
 
 log = logging.getLogger(__name__)
-DEPLOYMENT = "new-part/arrivals"
 ARRIVAL = "arrival"
 AT_ONCE = 2
-"""Runs of arrivals that are asked for at a time: one at work, one that has started up and waits for the machine. More
-would only hold the worker's slots against diagnoses, approvals and the night; what waits stays in the inbox."""
-DIAGNOSIS = "diagnose/newest"
+"""Runs of a workspace's arrivals that are asked for at a time: one at work, one that has started up and waits for the
+machine. More would only hold the worker's slots against diagnoses, approvals and the night; what waits stays in the
+inbox."""
+DIAGNOSIS = "diagnose"
 WAITING = [StateType.SCHEDULED, StateType.PENDING]
 BUSY = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 LIVE = [*WAITING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
@@ -42,18 +43,20 @@ STARTING = timedelta(seconds=75)
 """A run that is about to start has no process of its own yet; it is forked within a second (`flows.warm`)."""
 SURE_S = 5.0
 """Between a run's last work and its word that it has ended, its process holds no lock for a moment, s."""
-AWAY = (HTTPError, PrefectException, OSError, RuntimeError)
-"""What is raised where Prefect's server is away, or goes away while it is asked."""
+AWAY = (HTTPError, PrefectException, OSError, RuntimeError, ownership.NotServedError)
+"""What is raised where Prefect's server or the worker is away, or goes away while it is asked."""
 
 
 def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
     """Ask for a run for this arrival, unless it has one, or AT_ONCE others have. Returns whether one was asked for."""
     tag = f"{ARRIVAL}:{digest[:16]}"
-    live = _runs(ARRIVAL)
-    if len(live) >= AT_ONCE or any(tag in run.tags for run in live):
-        return False
+    with get_client(sync_client=True) as client:
+        live = _runs(client, [ownership.tag(workspace), ARRIVAL])
+        if len(live) >= AT_ONCE or any(tag in run.tags for run in live):
+            return False
+        ours = ownership.deployment(client, workspace, ownership.ARRIVALS)
     run_deployment(
-        DEPLOYMENT,
+        ours.id,
         parameters={"workspace": workspace, "path": path, "machine": machine},
         tags=[ARRIVAL, tag],
         timeout=0,
@@ -75,11 +78,14 @@ def ask_diagnosis(workspace: str, machine: str) -> str:
     """
     tag = f"diagnosis:{digest_of(machine)[:16]}"
     try:
-        if not _runs(tag, WAITING):
-            parameters = {"workspace": workspace, "machine": machine}
-            run_deployment(DIAGNOSIS, parameters=parameters, tags=[tag], timeout=0, as_subflow=False)
-    except ObjectNotFound:
-        return f"no worker serves {DIAGNOSIS}"
+        with get_client(sync_client=True) as client:
+            if _runs(client, [ownership.tag(workspace), tag], WAITING):
+                return ""
+            ours = ownership.deployment(client, workspace, DIAGNOSIS)
+        parameters = {"workspace": workspace, "machine": machine}
+        run_deployment(ours.id, parameters=parameters, tags=[tag], timeout=0, as_subflow=False)
+    except ownership.NotServedError as error:
+        return str(error)
     except AWAY as error:
         return f"Prefect cannot be asked ({error})"
     return ""
@@ -96,15 +102,17 @@ def alive(workspace: Workspace) -> Iterator[None]:
 
 
 def sweep(workspace: Workspace) -> int:
-    """Set runs to Crashed that say they have a process and have none: nobody holds the lock that a run takes at its
-    start. Returns how many. A run that has just started, is about to, or is just telling its end is left alone.
+    """Set runs of this workspace to Crashed that say they have a process and have none: nobody holds the lock that a
+    run takes at its start. Returns how many. A run that has just started, is about to, or is just telling its end is
+    left alone; so is whatever else is on the server, for its locks are not here.
     """
+    ours = [ownership.tag(workspace.root)]
     with get_client(sync_client=True) as client:
-        silent = [run for run in _runs(None, BUSY, client) if _without_process(run, workspace)]
+        silent = [run for run in _runs(client, ours, BUSY) if _without_process(run, workspace)]
         if not silent:
             return 0
         time.sleep(SURE_S)
-        dead = [run for run in _runs(None, BUSY, client) if run.id in {s.id for s in silent}]
+        dead = [run for run in _runs(client, ours, BUSY) if run.id in {s.id for s in silent}]
         dead = [run for run in dead if _without_process(run, workspace)]
         for run in dead:
             client.set_flow_run_state(run.id, Crashed(message="its process is gone"), force=True)
@@ -119,12 +127,11 @@ def _without_process(run: FlowRun, workspace: Workspace) -> bool:
     return silent and not workspace.locked(f"run {run.id}")
 
 
-def _runs(tag: str | None, states: Sequence[StateType] = LIVE, client=None) -> list[FlowRun]:
-    wanted = FlowRunFilter(
-        tags=FlowRunFilterTags(all_=[tag]) if tag else None,
-        state=FlowRunFilterState(type=FlowRunFilterStateType(any_=list(states))),
+def _runs(client: SyncPrefectClient, tags: list[str], states: Sequence[StateType] = LIVE) -> list[FlowRun]:
+    """Those that carry all these tags."""
+    return client.read_flow_runs(
+        flow_run_filter=FlowRunFilter(
+            tags=FlowRunFilterTags(all_=tags),
+            state=FlowRunFilterState(type=FlowRunFilterStateType(any_=list(states))),
+        )
     )
-    if client is not None:
-        return client.read_flow_runs(flow_run_filter=wanted)
-    with get_client(sync_client=True) as own:
-        return own.read_flow_runs(flow_run_filter=wanted)

@@ -6,15 +6,16 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
 
     plant/
       workspace.toml   settings (optional)
-      inbox/           where parts arrive                rejected/   what cannot be used, each with its reason
-      taken/           what arrived and was taken in     work/       an iteration on its way (can be deleted)
-      store/           recordings, append-only           derived/    the samples made from them (can be deleted)
+      inbox/           where parts arrive                taken/      what arrived and was taken in
+      store/           recordings, append-only; in rejected/ what cannot be used, each with its reason
+      derived/         the samples made from them and work/, an iteration on its way (both can be deleted)
       ledger.db        what was done with each part      runs/       what each iteration found, by run key
       bundles/         models + equation + limits        registry/   champion per machine, audit log
       mlflow.db        MLflow, unless a server is named  locks/      one lock per machine
       monitor/         verdicts, alarms and the answers to them, per machine
       diagnosis/       what the simulation of the newest parts left out, per machine (can be deleted)
       backlog/         what in an inbox could not be done yet
+      workspace.id     which it is, on a Prefect server that several share
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import fcntl
 import hashlib
 import json
 import os
+import secrets
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -133,12 +135,18 @@ class Workspace:
         return cls.open(root)
 
     @property
-    def inbox(self) -> Path:
-        return self.root / "inbox"
+    def id(self) -> str:
+        """Eight hexadecimal digits, drawn once and kept in the folder: it is known by them wherever it is moved to."""
+        path = self.root / "workspace.id"
+        if not path.exists():
+            with self.lock("workspace.id"):
+                if not path.exists():
+                    write_atomically(path, secrets.token_hex(4) + "\n")
+        return path.read_text(encoding="utf-8").strip()
 
     @property
-    def rejected(self) -> Path:
-        return self.root / "rejected"
+    def inbox(self) -> Path:
+        return self.root / "inbox"
 
     @property
     def store(self) -> Path:

@@ -23,6 +23,12 @@ OFFERED = {
 @contextmanager
 def served(workspace: Workspace, log: Path, client: Any, **environment: str) -> Iterator[None]:
     """Flows of `workspace` served, all of them on offer, while the block runs. `client`: Prefect's, of the server."""
+    from flows import ownership
+
+    def ready() -> bool:
+        ours = [name for name, d in offered(client).items() if ownership.tag(workspace.root) in d.tags]
+        return {name.removesuffix(f"-{workspace.id}") for name in ours} >= OFFERED
+
     own = {**os.environ, "PREFECT_RUNNER_POLL_FREQUENCY": "1", **environment}
     with log.open("wb") as out:
         worker = subprocess.Popen(
@@ -34,7 +40,7 @@ def served(workspace: Workspace, log: Path, client: Any, **environment: str) -> 
         assert worker.poll() is None, log.read_text()[-2000:]
 
     try:
-        waited(lambda: set(offered(client)) >= OFFERED, 120, running)
+        waited(ready, 120, running)
         yield
     finally:
         stop(worker)

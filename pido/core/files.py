@@ -28,9 +28,10 @@ def replacing(path: Path) -> Iterator[Path]:
     _sync(path.parent)
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """`path` with this content (text in UTF-8), whole or not at all."""
+def write_atomically(path: Path, content: str | bytes, mode: int = 0o666) -> None:
+    """`path` with this content (text in UTF-8), whole or not at all. `mode`: who may open it, less the umask."""
     with replacing(path) as temporary:
+        temporary.touch(mode)
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
 
 

@@ -1,6 +1,8 @@
 """A file is replaced whole or not at all, whoever writes it and however the writing ends."""
 
+import stat
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +16,19 @@ def test_a_failed_write_leaves_the_old_content_and_nothing_else(tmp_path):
         temporary.write_text("half a line, then µ", encoding="ascii")
     assert path.read_bytes() == "µ".encode()
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_what_only_its_owner_may_read_is_never_open_to_others(tmp_path, monkeypatch):
+    before_it_has_its_name = []
+    replace = Path.replace
+
+    def watched(path, target):
+        before_it_has_its_name.append(stat.S_IMODE(path.stat().st_mode))
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", watched)
+    write_atomically(tmp_path / "secrets.env", "PASSWORD=a", 0o600)
+    assert before_it_has_its_name == [0o600]
 
 
 def test_a_reader_never_sees_a_part_of_what_several_threads_write(tmp_path):

@@ -1,20 +1,19 @@
-"""The plant's settings, its compose file, backup and restore: what can be checked without starting a server."""
+"""The plant's settings and its compose file: what can be checked without starting a server."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
-import sqlite3
 import stat
 import subprocess
 import sys
-import tarfile
 from pathlib import Path
 
 import pytest
 import yaml
 
-from deploy import backup, postgres
-from deploy.entry import login_file
+from deploy import postgres
+from deploy.entry import login_file, with_login
 from deploy.services import services
 from deploy.settings import DATABASES, SECRETS, load, read_env
 from pido.core.errors import PidoError
@@ -68,7 +67,7 @@ def test_no_secret_stands_in_the_repository_and_compose_asks_for_each():
     for service in COMPOSE["services"].values():
         for name, value in service.get("environment", {}).items():
             if re.search("PASSWORD|SECRET|AUTH_STRING|URI$|CONNECTION_URL", name) and "://mlflow" not in value:
-                assert "${" in value, name
+                assert "${" in value or "://{login}@" in value, name
 
 
 def test_both_arrangements_make_the_same_databases():
@@ -76,8 +75,34 @@ def test_both_arrangements_make_the_same_databases():
     assert tuple(made) == DATABASES
 
 
-def test_missing_secrets_are_made_once_and_readable_by_the_owner_alone(settings):
+def test_the_guides_command_brings_every_value_that_compose_asks_for():
+    [file] = re.findall(r"docker compose --env-file (\S+) up", (ROOT / "docs" / "guide" / "plant.md").read_text())
+    asked = set(re.findall(r"\$\{(\w+):\?", (ROOT / "docker-compose.yml").read_text()))
+    assert asked <= {*read_env(ROOT / file), *SECRETS}
+
+
+@pytest.mark.parametrize("password", ["a@b", "a/b#c?d=e:f", "100 %", "%40", "{login}", "ü'\""])
+def test_any_password_reaches_the_database_from_a_container_and_from_a_process(settings, password):
+    from sqlalchemy import make_url
+
+    inside = with_login({
+        "PIDO_POSTGRES_USER": "pi do", "PIDO_POSTGRES_PASSWORD": password,
+        **{k: v for s in COMPOSE["services"].values() for k, v in s["environment"].items() if "{login}" in v},
+    })  # fmt: skip
+    outside = dataclasses.replace(settings, postgres_user="pi do", postgres_password=password)
+    for address in (*inside.values(), outside.database("mlflow", "psycopg2")):
+        found = make_url(address)
+        assert (found.username, found.password) == ("pi do", password)
+        assert found.host in ("postgres", "127.0.0.1")
+    assert len(inside) == 3
+
+
+def test_missing_secrets_are_made_once_and_readable_by_the_owner_alone(settings, monkeypatch):
     file = settings.folder / "secrets.env"
+    monkeypatch.setattr(postgres, "command", lambda settings: ["postgres"])
+    monkeypatch.setattr(postgres, "user", lambda: None)
+    services(settings)
+    assert stat.S_IMODE((settings.folder / "mlflow_auth.ini").stat().st_mode) == 0o600
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert load(settings.folder) == settings
     assert len({settings.postgres_password, settings.prefect_password, settings.mlflow_password}) == 3
@@ -95,43 +120,3 @@ def test_a_password_with_a_per_cent_sign_survives_the_login_file():
     parser = configparser.ConfigParser()
     parser.read_string(login_file("postgresql://u:a%40b@h/d", "admin"))
     assert parser["mlflow"]["database_uri"] == "postgresql://u:a%40b@h/d"
-
-
-def test_a_backup_holds_what_was_committed_while_a_database_is_in_use(settings, tmp_path, monkeypatch):
-    monkeypatch.setattr(postgres, "dump", lambda settings, folder: None)
-    store = settings.workspace / "store"
-    store.mkdir(parents=True)
-    (store / "part.parquet").write_bytes(b"rows")
-    with sqlite3.connect(settings.workspace / "ledger.db") as db:
-        db.execute("PRAGMA journal_mode=WAL")
-        db.execute("CREATE TABLE parts(digest TEXT)")
-        db.execute("INSERT INTO parts VALUES ('abc')")
-        db.commit()
-        backup.backup(settings, tmp_path / "backup.tar")
-    db.close()
-    backup.unpack(tmp_path / "backup.tar", tmp_path / "again")
-    assert (tmp_path / "again" / "workspace" / "store" / "part.parquet").read_bytes() == b"rows"
-    copy = sqlite3.connect(tmp_path / "again" / "workspace" / "ledger.db")
-    assert copy.execute("SELECT digest FROM parts").fetchall() == [("abc",)]
-    copy.close()
-    assert load(tmp_path / "again").postgres_password == settings.postgres_password
-
-
-def test_a_backup_is_never_unpacked_over_something(settings, tmp_path):
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "file").write_text("precious")
-    with pytest.raises(PidoError, match="not empty"):
-        backup.unpack(tmp_path / "any.tar", tmp_path / "full")
-
-
-def test_an_archive_that_climbs_out_of_its_folder_is_refused(tmp_path):
-    import io
-
-    evil = tmp_path / "evil.tar"
-    with tarfile.open(evil, "w") as tar:
-        entry = tarfile.TarInfo("../outside")
-        entry.size = 1
-        tar.addfile(entry, io.BytesIO(b"x"))
-    with pytest.raises(PidoError, match="not a whole backup"):
-        backup.unpack(evil, tmp_path / "place")
-    assert not (tmp_path / "outside").exists()

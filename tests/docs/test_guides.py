@@ -6,9 +6,14 @@ import re
 import runpy
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+
+from pido.config import parse
+from pido.parts import reject
+from pido.workspace import Workspace, WorkspaceSettings
 
 ROOT = Path(__file__).parents[2]
 GUIDE = ROOT / "docs" / "guide"
@@ -65,6 +70,23 @@ def test_the_command_line_path_runs_and_finds_what_was_concealed(tmp_path):
     simulated = next(text for command, text in printed.items() if command.startswith("pido simulate"))
     removed = float(re.search(r"removed, mm³\s+(\S+)", simulated)[1])
     assert removed == pytest.approx(100 * 10 * 2, rel=0.02)
+
+
+def test_every_settings_file_on_the_plant_page_can_be_read():
+    texts = [text for kind, _, text in blocks(GUIDE / "plant.md") if kind == "toml"]
+    assert [name for text in texts for name in parse(WorkspaceSettings, tomllib.loads(text), "plant.md").jobs] == [
+        "cmx600v"
+    ]
+
+
+def test_the_plant_page_says_where_what_cannot_be_used_lies(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    place.inbox.mkdir()
+    (place.inbox / "broken.json").write_text("{")
+    lies = reject(place, place.inbox / "broken.json", "not JSON", move=True)
+    assert f"is in `{lies.parent.relative_to(tmp_path)}` with the reason" in (GUIDE / "plant.md").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.slow

@@ -133,14 +133,20 @@ TWO_AT_A_TIME = """
 import sys
 from pathlib import Path
 from prefect.client.orchestration import get_client
+from prefect.deployments import run_deployment
 from prefect.states import Completed, Crashed
+from flows import ownership
 from flows.new_part import new_part
 from pido.arrivals import Arrived
 from pido.backlog import Backlog
 from pido.cli.watch import _through_prefect
 from pido.workspace import Workspace
 
-new_part.to_deployment("arrivals").apply()
+new_part.to_deployment("arrivals", tags=[ownership.tag(sys.argv[1])]).apply()
+new_part.to_deployment("arrivals-elsewhere", tags=["workspace:elsewhere"]).apply()
+for name in ("one", "two", "three"):
+    theirs = {"workspace": "", "path": name}
+    run_deployment("new-part/arrivals-elsewhere", parameters=theirs, tags=["arrival"], timeout=0)
 inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 1.0) for k in range(5)]
 clock, place = [0.0], Workspace.open(sys.argv[1])
 backlog = Backlog(place, place.inbox, lambda: clock[0])
@@ -177,7 +183,7 @@ with get_client(sync_client=True) as client:
 """
 
 
-def test_two_arrivals_have_a_run_at_a_time_in_production_order_and_the_others_wait(api, tmp_path):
+def test_two_arrivals_of_a_workspace_have_a_run_at_a_time_in_production_order_and_the_others_wait(api, tmp_path):
     workspace = place(tmp_path / "plant")
     call = [sys.executable, "-c", TWO_AT_A_TIME, str(workspace.root)]
     done = subprocess.run(call, capture_output=True, text=True, check=False, env=os.environ.copy())

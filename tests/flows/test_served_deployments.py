@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from plain_parts import parts as made_up
-from served_worker import offered, served, waited
+from served_worker import OFFERED, offered, served, waited
 
 from benchmarks.plant_chaos import FORKS, VICTIMS, processes
 from flows.server import prefect_server
@@ -87,19 +87,21 @@ def test_a_run_without_a_process_is_told_from_one_that_has_one(workspace, tmp_pa
         from prefect.client.orchestration import get_client
         from prefect.states import Pending, Running
 
-        from flows import submit
+        from flows import ownership, submit
         from flows.new_part import nightly
 
         monkeypatch.setattr(submit, "SILENT", timedelta(0))
         monkeypatch.setattr(submit, "SURE_S", 0.1)
         with get_client(sync_client=True) as client:
 
-            def run_in(state):
-                run = client.create_flow_run(nightly, parameters={"workspace": str(workspace.root)})
+            def run_in(state, *tags):
+                run = client.create_flow_run(nightly, parameters={"workspace": str(workspace.root)}, tags=tags)
                 client.set_flow_run_state(run.id, state, force=True)
                 return run.id
 
-            dead, alive, starting = run_in(Running()), run_in(Running()), run_in(Pending())
+            ours = ownership.tag(workspace.root)
+            dead, alive, starting = run_in(Running(), ours), run_in(Running(), ours), run_in(Pending(), ours)
+            others = [run_in(Running()), run_in(Running(), "workspace:elsewhere")]
             with workspace.lock(f"run {alive}"):
                 assert submit.sweep(workspace) == 1
             states = [client.read_flow_run(run).state.name for run in (dead, alive, starting)]
@@ -107,3 +109,30 @@ def test_a_run_without_a_process_is_told_from_one_that_has_one(workspace, tmp_pa
             monkeypatch.setattr(submit, "STARTING", timedelta(0))
             assert submit.sweep(workspace) == 2
             assert client.read_flow_run(starting).state.name == "Crashed", "it never got a process"
+            assert [client.read_flow_run(run).state.name for run in others] == ["Running"] * 2, "of other workspaces"
+
+
+def test_two_workspaces_on_one_server_keep_their_own_deployments_and_runs(workspace, tmp_path):
+    (tmp_path / "second").mkdir()
+    second = Workspace.open(tmp_path / "second")
+    with prefect_server(tmp_path / "prefect"):
+        from prefect.client.orchestration import get_client
+        from prefect.deployments import run_deployment
+
+        with get_client(sync_client=True) as client:  # from before there were tags: it is the first one's by its folder
+            flow, place = client.create_flow_from_name("new-part"), {"workspace": str(workspace.root)}
+            client.create_deployment(flow, "arrivals", parameters=place)
+        with (
+            get_client(sync_client=True) as client,
+            served(workspace, tmp_path / "worker.log", client),
+            served(second, tmp_path / "second.log", client),
+        ):
+            places = {name: d.parameters["workspace"] for name, d in offered(client).items()}
+            assert {name: place for name, place in places.items() if place == str(workspace.root)}.keys() == OFFERED
+            others = {f"{name}-{second.id}" for name in OFFERED}
+            assert {name for name, place in places.items() if place == str(second.root)} == others
+            for name, place in (("nightly/nightly", workspace), (f"nightly/nightly-{second.id}", second)):
+                run = run_deployment(name, timeout=120, poll_interval=1)
+                assert (run.state.name, run.parameters["workspace"]) == ("Completed", str(place.root))
+        with get_client(sync_client=True) as client, served(second, tmp_path / "again.log", client):
+            assert set(offered(client)) == set(places), "started again, it keeps its names"

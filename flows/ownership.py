@@ -1,0 +1,63 @@
+"""Whose is what on a Prefect server that several workspaces share.
+
+In:  a workspace. Out: its tag, which its deployments carry and their runs inherit; its deployments by flow; what the
+names of its deployments end with.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect.client.orchestration import SyncPrefectClient
+from prefect.client.schemas.filters import (
+    DeploymentFilter,
+    DeploymentFilterName,
+    DeploymentFilterTags,
+    FlowFilter,
+    FlowFilterName,
+)
+from prefect.client.schemas.responses import DeploymentResponse
+
+from pido.core.errors import PidoError
+from pido.workspace import Workspace, WorkspaceSettings
+
+ARRIVALS, FIRST = "new-part", "arrivals"
+"""The flow of arrivals, and the name of its deployment."""
+_TAG = "workspace:"
+
+
+class NotServedError(PidoError):
+    """No worker has offered the flow for this workspace on this server."""
+
+
+def tag(root: Path | str) -> str:
+    """Of all that belongs to the workspace at `root`."""
+    # Its folder alone: settings that cannot be read do not hinder anyone who asks for a run.
+    return _TAG + Workspace(Path(root), WorkspaceSettings()).id
+
+
+def deployment(client: SyncPrefectClient, root: Path | str, flow: str) -> DeploymentResponse:
+    """The workspace's own deployment of a flow. Raises NotServedError where no worker has offered it yet."""
+    found = _deployments(client, flow, DeploymentFilter(tags=DeploymentFilterTags(all_=[tag(root)])))
+    if not found:
+        raise NotServedError(f"no worker serves {flow} for {root}")
+    return found[0]
+
+
+def ending(client: SyncPrefectClient, workspace: Workspace) -> str:
+    """What the names of this workspace's deployments end with: nothing for the first on a server, else its id.
+
+    A name that it has there stays. Deployments without any workspace's tag are those of the folder that they name.
+    """
+    own = DeploymentFilter(tags=DeploymentFilterTags(all_=[tag(workspace.root)]))
+    if known := _deployments(client, ARRIVALS, own):
+        return known[0].name.removeprefix(FIRST)
+    for first in _deployments(client, ARRIVALS, DeploymentFilter(name=DeploymentFilterName(any_=[FIRST]))):
+        if any(t.startswith(_TAG) for t in first.tags) or first.parameters.get("workspace") != str(workspace.root):
+            return f"-{workspace.id}"
+    return ""
+
+
+def _deployments(client: SyncPrefectClient, flow: str, which: DeploymentFilter) -> list[DeploymentResponse]:
+    wanted = FlowFilter(name=FlowFilterName(any_=[flow]))
+    return client.read_deployments(flow_filter=wanted, deployment_filter=which)
