@@ -106,7 +106,7 @@ def _copy_arrivals(place: Path, there: Path, done: Container[str]) -> None:
             (there / "taken").mkdir(exist_ok=True)
             _copy(arrival, there / "taken" / arrival.name)
             continue
-        key, _, name = arrival.name.partition("-")  # as `pido.parts.put_away` calls it
+        key, _, name = arrival.name.partition("-")  # as `pido.departures` calls it
         if not _is_there(inbox / name):
             _copy(arrival, inbox / name)
         elif not arrival_digest(inbox / name).startswith(key):
