@@ -27,7 +27,8 @@ def run(
 ) -> dict[str, Any]:
     """One iteration per part, in production order: {'done', 'rejected', 'fault'}.
 
-    from_inbox : arrivals are moved away when they are done, or into the rejected area; else files stay where they are
+    from_inbox : arrivals are moved away when they are done, or into the rejected area; else files stay where they are,
+        and one that is not at rest is among the rejected
     patient : what cannot be read may still be on its way (a slow copy that paused): leave it for a later look
 
     Raises UnavailableError or OSError where the workspace cannot be read or written now, SettingsError where its
@@ -42,8 +43,10 @@ def run(
         progress(number, len(order), path.name)
         try:
             arrived = parts.ingest(root, str(path), machine)
-        except parts.Changed:
-            continue  # seen again when it has come to rest
+        except parts.Changed as changed:
+            if not from_inbox:
+                rejected.append({"path": str(path), "reason": str(changed)})
+            continue  # in an inbox it is seen again when it has come to rest
         except parts.Refused as refused:
             if patient:
                 continue

@@ -32,7 +32,7 @@ def command(
 
     PATH is a part folder (recording.parquet, part.json) or a file of any known format. All faults of a recording are
     listed. One that cannot be used is moved to STORE/rejected with the reason beside it, and the exit code is 1; the
-    others are kept all the same.
+    others are kept all the same. Where nothing may be taken away, it is copied; a folder of other things stays.
 
     \b
     pido ingest parts/p01 capture.json --store plant/store
@@ -47,8 +47,8 @@ def command(
     import orjson
 
     from pido import config
-    from pido.core.errors import PidoError, UnavailableError
-    from pido.recordings import read_recording
+    from pido.core.errors import PidoError, StoreError, UnavailableError
+    from pido.recordings import READERS, read_recording
     from pido.recordings.check import check
     from pido.recordings.faults import ERROR
     from pido.store import Store
@@ -61,6 +61,7 @@ def command(
         faults = ()
         entry = None
         reason = ""
+        broken = False
         notes: tuple[str, ...] = ()
         try:
             recording = read_recording(path, machine=machine, channels=channels, rate_hz=rate_hz)
@@ -74,8 +75,17 @@ def command(
             raise  # the disk's fault: nothing is rejected for it
         except PidoError as error:
             reason = str(error)
+        except Exception as error:  # the others are read all the same
+            reason = f"{path}: internal error while it was read ({type(error).__name__}: {error}). Please report it."
+            broken = True
         failed |= entry is None
-        rejected = store.reject(path, reason) if entry is None and not keep and path.exists() else None
+        rejected = None
+        # A folder that is no recording is somebody's folder.
+        if entry is None and not (keep or broken) and (path.is_file() or any(r.recognises(path) for r in READERS)):
+            try:
+                rejected = store.reject(path, reason)
+            except (StoreError, OSError) as error:
+                reason = f"{reason}\nIt was not moved away: {error}"
         state = "rejected" if entry is None else "stored" if entry.new else "known"
         if as_json:
             row = {

@@ -42,8 +42,12 @@ def command(
     pido iterate parts/p01 parts/p02 --workspace plant
     pido iterate capture.json --job jobs/gear.toml --workspace plant
     """
+    from pido.core.errors import InputError
     from pido.workspace import Workspace
 
+    for path in paths:
+        if folder.resolve().is_relative_to(path.resolve()):
+            raise InputError(f"{path}: holds the workspace {folder}, which changes. Put one beside the other.")
     workspace = Workspace.make(folder, job=job, machine=machine, air_cut=air_cut, seed=seed)
     waiting = [path for path in paths if not _known(workspace, path)]
     if paths and not waiting:

@@ -46,7 +46,7 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     """
     from pido.arrivals import Inbox
     from pido.backlog import Backlog
-    from pido.core.errors import PidoError
+    from pido.core.errors import InputError, PidoError
     from pido.departures import bring_back
     from pido.workspace import Workspace
 
@@ -54,6 +54,9 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     for chatty in ("httpx", "watchfiles"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
     workspace, inbox = Workspace.open(folder), inbox.absolute()  # a worker may have been started elsewhere
+    place, root = inbox.resolve(), workspace.root.resolve()
+    if root.is_relative_to(place) or (place.is_relative_to(root) and not place.is_relative_to(root / "inbox")):
+        raise InputError(f"{inbox}: belongs to the workspace, or holds it. Watch {workspace.inbox}, or one elsewhere.")
     backlog = Backlog(workspace, inbox)
     take = (_through_prefect if prefect else _in_this_process)(workspace, machine, backlog)
     watched = Inbox(inbox, workspace.settings.settle_s)
@@ -90,9 +93,16 @@ def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog
             try:
                 # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
                 answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
-            except (PidoError, OSError) as error:
-                again = backlog.tried(one, str(error))
-                log.warning("%s is still to be done, and tried again in %.0f s: %s", one.path.name, again, error)
+            except (
+                Exception
+            ) as error:  # a fault of this program that one part meets does not end the watch over the rest
+                expected = isinstance(error, PidoError | OSError)
+                reason = str(error) if expected else f"internal error ({type(error).__name__}: {error})"
+                again = backlog.tried(one, reason)
+                log.warning(
+                    "%s is still to be done, and tried again in %.0f s: %s", one.path.name, again, reason,
+                    exc_info=not expected,
+                )  # fmt: skip
                 continue
             for done in answer["done"]:
                 log.info("%s: version %d of %s", one.path.name, done["version"], done["machine"])

@@ -14,6 +14,7 @@ content takes it over. SQLite serialises two processes; the second of two equal 
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
@@ -129,8 +130,14 @@ class Store:
         """Move what cannot be used to the rejected area, with the reason beside it; the index is not touched.
 
         source : where it came from, if that is not `path`
+
+        What may not be taken away from where it lies is copied. Raises StoreError for a folder that holds this store,
+        and for what lies in it.
         """
-        path = Path(path)
+        path = Path(path).absolute()
+        own, given = self.root.resolve(), path.parent.resolve() / path.name
+        if own.is_relative_to(given) or given.is_relative_to(own):
+            raise StoreError(f"{path}: lies in the store {self.root}, or holds it. It stays where it is.")
         area = self.root / "rejected"
         area.mkdir(parents=True, exist_ok=True)
         for place in _free_names(area, file_name(path.name)):
@@ -140,7 +147,7 @@ class Store:
                     handle.write(f"{source or path}\n{reason}\n")
             except FileExistsError:
                 continue
-            shutil.move(path, place)
+            _move(path, place)
             return place
         raise StoreError(f"{area}: no free name for {path.name}; tidy the rejected area up.")
 
@@ -177,6 +184,23 @@ class Store:
                 yield index
         except sqlite3.DatabaseError as error:
             raise UnavailableError(f"{self._index}: {error}. If it is damaged, restore it from the backup.") from None
+
+
+def _move(path: Path, place: Path) -> None:
+    """By a new name; where that is refused, by a copy, after which the original goes only if all of it may."""
+    try:
+        path.rename(place)
+        return
+    except OSError:  # another disk, or a folder from which nothing may be taken away
+        pass
+    folder = path.is_dir() and not path.is_symlink()
+    if folder:
+        shutil.copytree(path, place, symlinks=True)
+    else:
+        shutil.copy2(path, place, follow_symlinks=False)
+    inner = [path, *(p for p in path.rglob("*") if p.is_dir() and not p.is_symlink())] if folder else []
+    if all(os.access(each, os.W_OK | os.X_OK) for each in (path.parent, *inner)):
+        shutil.rmtree(path) if folder else path.unlink()
 
 
 def _free_names(area: Path, name: str) -> Iterator[Path]:
