@@ -91,7 +91,7 @@ def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog
                 # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
                 answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
             except (PidoError, OSError) as error:
-                again = backlog.tried(one, str(error))
+                again = backlog.tried(one, str(error) or type(error).__name__)
                 log.warning("%s is still to be done, and tried again in %.0f s: %s", one.path.name, again, error)
                 continue
             for done in answer["done"]:
