@@ -93,16 +93,13 @@ def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog
             try:
                 # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
                 answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
-            except (
-                Exception
-            ) as error:  # a fault of this program that one part meets does not end the watch over the rest
+            except Exception as error:  # a fault of this program that one part meets holds up no other
                 expected = isinstance(error, PidoError | OSError)
-                reason = str(error) if expected else f"internal error ({type(error).__name__}: {error})"
+                reason = str(error) or type(error).__name__
+                reason = reason if expected else f"internal error ({type(error).__name__}: {error})"
                 again = backlog.tried(one, reason)
-                log.warning(
-                    "%s is still to be done, and tried again in %.0f s: %s", one.path.name, again, reason,
-                    exc_info=not expected,
-                )  # fmt: skip
+                said = "%s is still to be done, and tried again in %.0f s: %s"
+                log.warning(said, one.path.name, again, reason, exc_info=not expected)
                 continue
             for done in answer["done"]:
                 log.info("%s: version %d of %s", one.path.name, done["version"], done["machine"])

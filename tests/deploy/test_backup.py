@@ -16,7 +16,7 @@ import pytest
 
 from deploy import backup, postgres
 from deploy.settings import PlantSettings, load
-from pido import parts
+from pido import departures
 from pido.core.errors import PidoError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
@@ -128,7 +128,7 @@ def working(place: Workspace, staging: Path, delivered: set[str]) -> Iterator[No
         made = bundle.save(place.bundles, {"machine": MACHINE, "parts": [stored.digest]}, models)
         gate = {"passed": True, "words": ""}
         version = ledger.finished(arrival.name, MACHINE, stored.digest, arrival.name, made.digest, gate, {})
-        parts.put_away(place, arrival)
+        departures.put_away(place, arrival, key)
         promotion.approve(place, MACHINE, version, by="A. Ito", reason="it passed")
 
     def on_and_on() -> None:

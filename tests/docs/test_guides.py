@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pido.config import parse
-from pido.parts import reject
+from pido.departures import key_of, reject
 from pido.workspace import Workspace, WorkspaceSettings
 
 ROOT = Path(__file__).parents[2]
@@ -83,7 +83,8 @@ def test_the_plant_page_says_where_what_cannot_be_used_lies(tmp_path):
     place = Workspace.open(tmp_path / "plant")
     place.inbox.mkdir()
     (place.inbox / "broken.json").write_text("{")
-    lies = reject(place, place.inbox / "broken.json", "not JSON", move=True)
+    broken = place.inbox / "broken.json"
+    lies = reject(place, broken, key_of(broken), "not JSON", move=True)
     assert f"is in `{lies.parent.relative_to(tmp_path)}` with the reason" in (GUIDE / "plant.md").read_text(
         encoding="utf-8"
     )

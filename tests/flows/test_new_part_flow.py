@@ -114,7 +114,7 @@ new_part.to_deployment("arrivals").apply()
 words = ["plant/inbox", "--workspace", "plant", "--prefect"]
 threading.Thread(target=command.main, args=[words], kwargs={"standalone_mode": False}, daemon=True).start()
 with get_client(sync_client=True) as client:
-    while not (runs := [run for run in client.read_flow_runs() if "unread.csv" in run.parameters["path"]]):
+    while not (runs := [run for run in client.read_flow_runs() if "unread.csv" in run.parameters.get("path", "")]):
         time.sleep(0.2)
     client.set_flow_run_state(runs[0].id, Completed(), force=True)
 print(runs[0].parameters["workspace"], runs[0].parameters["path"])
@@ -153,10 +153,10 @@ backlog = Backlog(place, place.inbox, lambda: clock[0])
 look = _through_prefect(place, None, backlog)
 with get_client(sync_client=True) as client:
     def asked():
-        runs = sorted(client.read_flow_runs(), key=lambda run: run.created)
-        return [int(run.parameters["path"][5:]) for run in runs if run.parameters["path"].startswith("part ")]
+        paths = [r.parameters.get("path", "") for r in sorted(client.read_flow_runs(), key=lambda run: run.created)]
+        return [int(path[5:]) for path in paths if path.startswith("part ")]
     def ends(part, state):
-        runs = [run for run in client.read_flow_runs() if run.parameters["path"] == f"part {part}"]
+        runs = [run for run in client.read_flow_runs() if run.parameters.get("path") == f"part {part}"]
         client.set_flow_run_state(runs[-1].id, state, force=True)
     look(inbox)
     look(inbox)
