@@ -142,7 +142,7 @@ def _copy(source: Path, target: Path, left_out: Container[Path] = ()) -> None:
 
 
 def _inside(folder: Path) -> list[Path]:
-    """What lies in a folder, sorted (an audit log before the pointer that completes it); nothing where it is gone."""
+    """What lies in a folder, nothing where it is gone. Sorted: a seal before its log, a log before its champion."""
     try:
         return sorted(folder.iterdir())
     except FileNotFoundError:
