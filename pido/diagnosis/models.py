@@ -23,6 +23,7 @@ from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
+from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -101,7 +102,8 @@ class AxisModel:
         return state.sim
 
     def effect(self, simulated: Float1D, recording: Recording, state: AxisState) -> Float1D:
-        """(n,), A – recorded minus simulated current as far as it is systematic.
+        """(n,), A – recorded minus simulated current as far as it is systematic; NaN where a value that it follows from
+        is missing.
 
         Raises DiagnosisError where the part does not say what a finding follows from, and the diagnosed parts did.
         """
@@ -112,15 +114,15 @@ class AxisModel:
             total += self.equation.of(recording, state, self.equation.joint) - simulated
         bounds = self.largest or (np.inf,) * len(self.terms)
         for term, amplitudes, most in zip(self.terms, self.amplitudes, bounds, strict=True):
-            columns = term.of_part(state)
-            if not columns.any():
+            columns = known_columns(term, recording, state)
+            if not np.nan_to_num(columns).any():
                 self._check_known(term, state)
             total += np.clip(amplitudes @ columns, -BEYOND * most, BEYOND * most)
         return np.clip(simulated + total, *self._limits_of(recording.part.part)) - simulated
 
     def _check_known(self, term: Term, state: AxisState) -> None:
         """A term that is nothing throughout: right where the part says so, not where it does not say."""
-        names = [n for n in term.mechanism.follows_from if n in self.known and getattr(state, n) is None]
+        names = [n for n in term.mechanism.follows_from if n in self.known and _silent(getattr(state, n))]
         if names:
             silent = [_GIVEN_BY[name].format(axis=self.axis) for name in names]
             raise DiagnosisError(
@@ -134,9 +136,14 @@ class AxisModel:
         return self.limits.get(part, widest)
 
 
+def _silent(said: object) -> bool:
+    """Whether a field of a state says nothing: it is not there, or missing in every sample."""
+    return said is None or (isinstance(said, np.ndarray) and said.dtype == float and bool(np.isnan(said).all()))
+
+
 def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
     """What every part says of an axis that a part may leave out."""
-    return tuple(name for name in _GIVEN_BY if all(getattr(s, name) is not None for s in states))
+    return tuple(name for name in _GIVEN_BY if not any(_silent(getattr(s, name)) for s in states))
 
 
 def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from plain_parts import parts, with_simulation
 
+from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
 
 AXES = ["x", "y", "z", "sp"]
@@ -184,6 +185,18 @@ def test_a_correction_reads_no_recorded_current_and_writes_the_same_columns(made
     recorded = table["curr_x"].to_numpy()
     before, after = (np.std(recorded - t[c].to_numpy()) for t, c in ((table, "curr_x_sim"), (seen, "curr_x_corrected")))
     assert after < 1.1 * 0.05 < before
+
+
+def test_a_correction_holds_no_number_where_what_it_follows_from_is_missing(made, tmp_path):
+    out, folders = made
+    whole = read_recording(folders[3])
+    missing = np.arange(len(whole)) // 50 == 4
+    part = write_folder(whole.with_columns(v_x=np.where(missing, np.nan, whole["v_x"])), tmp_path / "holed")
+    pido("correct", out, part, "--out", tmp_path / "corrected.parquet")
+    series = pq.read_table(tmp_path / "corrected.parquet")
+    for axis in AXES:
+        for name in (f"mismatch_{axis}", f"mismatch_score_{axis}", f"curr_{axis}_corrected"):
+            np.testing.assert_array_equal(np.isnan(series[name].to_numpy()), missing & (axis == "x"), name)
 
 
 def test_diagnosing_fewer_parts_into_the_same_folder_leaves_none_of_the_others_behind(made, tmp_path):
