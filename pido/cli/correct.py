@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import click
 
 from pido.cli.inputs import Input
+from pido.cli.outputs import outside, replaceable
 
 
 @click.command(name="correct")
@@ -19,7 +21,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
 
     DIAGNOSIS is the folder that `pido diagnose --out` wrote. No curr_<axis> column of PART is read: it works where
     there is no recording of the current yet. What parts made since those of the diagnosis left behind (heat, wear) is
-    carried on from the ones given with --after.
+    carried on from the ones given with --after. Nothing is written into what is read, nor over a recording.
 
     \b
     pido correct diagnosis parts/p04 --out p04-corrected.parquet
@@ -29,6 +31,8 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     from pido.diagnosis.correct import correct, not_told_of
     from pido.recordings import read_recording
 
+    outside(out, (diagnosis, part, *after))
+    replaceable(out, _corrected, "corrected part")
     model = contract.read_model(diagnosis)
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
     if missing := not_told_of(model, recording, earlier):
@@ -41,3 +45,8 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     series = correct(model, recording, earlier)
     contract.write_series(series, out, contract.unit_of_series(model))
     click.echo(str(out))
+
+
+def _corrected(columns: Collection[str]) -> bool:
+    """Whether these are the columns of what this verb writes."""
+    return any(name.startswith("mismatch_score_") for name in columns)
