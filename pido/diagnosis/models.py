@@ -34,6 +34,7 @@ from pido.diagnosis.tools import ByTool
 from pido.diagnosis.waves import Wave
 
 _GIVEN_BY = {
+    "way": "v_{axis} or pos_{axis}",
     "pos": "pos_{axis}",
     "force": "f_{axis}_sim",
     "force_perp": "f_x_sim, f_y_sim, f_z_sim",
@@ -122,7 +123,8 @@ class AxisModel:
 
     def _check_known(self, term: Term, state: AxisState) -> None:
         """A term that is nothing throughout: right where the part says so, not where it does not say."""
-        names = [n for n in term.mechanism.follows_from if n in self.known and _silent(getattr(state, n))]
+        follows_from = ("way", *term.mechanism.follows_from)  # of the motion of its axis, every law may speak
+        names = [n for n in follows_from if n in self.known and getattr(state, n) is None]
         if names:
             silent = [_GIVEN_BY[name].format(axis=self.axis) for name in names]
             raise DiagnosisError(
@@ -136,14 +138,9 @@ class AxisModel:
         return self.limits.get(part, widest)
 
 
-def _silent(said: object) -> bool:
-    """Whether a field of a state says nothing: it is not there, or missing in every sample."""
-    return said is None or (isinstance(said, np.ndarray) and said.dtype == float and bool(np.isnan(said).all()))
-
-
 def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
     """What every part says of an axis that a part may leave out."""
-    return tuple(name for name in _GIVEN_BY if not any(_silent(getattr(s, name)) for s in states))
+    return tuple(name for name in _GIVEN_BY if all(getattr(s, name) is not None for s in states))
 
 
 def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:

@@ -101,6 +101,10 @@ NOTHING_COMPARED = {
         lambda c, k: only(c, "x") | {n: np.zeros(ROWS) for n in ("pos_x", "v_x", "a_x")},
         "no other signal varies",
     ),
+    "time that never ends": (
+        lambda c, k: c | {"time": np.where(np.arange(ROWS) == ROWS - 1, np.inf, c["time"])},
+        "part p1: 'time' is missing in 1 sample(s)",
+    ),
     "time that goes back": (lambda c, k: c | {"time": c["time"][::-1].copy()}, "'time' does not increase"),
 }  # fmt: skip
 
@@ -179,6 +183,11 @@ def test_missing_and_infinite_values_are_left_out_not_explained(made, diagnose):
     code, found, _, err = diagnose(*made(change))
     assert (code, found) == (0, [("x", "viscous_friction")])
     assert "infinite values of curr_x are taken as missing" in err
+
+
+def test_a_column_without_any_value_is_as_one_that_was_not_recorded(made, diagnose):
+    code, found, _, err = diagnose(*made(lambda c, k: only(blank(c, "pos_x", np.full(ROWS, True)), "x")))
+    assert (code, found) == (0, [("x", "viscous_friction")]), err
 
 
 def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says_so(made, diagnose):

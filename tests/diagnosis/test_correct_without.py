@@ -159,17 +159,26 @@ def test_a_play_that_no_reversal_has_shown_yet_is_nothing_and_not_missing():
 
 
 @pytest.mark.parametrize(
-    ("term", "column", "says"),
+    ("term", "columns", "lacking"),
     [
-        (RIPPLE, "pos_x", "lacks pos_x"),
-        (COOLANT, "coolant", "lacks coolant"),
-        (mechanism("viscous_friction"), "v_x", r"axis x .* is missing \(v_x\)"),
+        (RIPPLE, ["pos_x"], "pos_x"),
+        (COOLANT, ["coolant"], "coolant"),
+        (mechanism("viscous_friction"), ["v_x", "pos_x"], "v_x or pos_x"),
     ],
 )
-def test_a_column_without_any_value_is_refused_as_one_that_is_not_there(term, column, says):
-    empty = rich().with_columns(**{column: np.full(500, np.nan)})
-    with pytest.raises(DiagnosisError, match=f"p1: .*{says}"):
-        correct(model_of(term, rich()), empty)
+def test_a_column_without_any_value_is_refused_as_one_that_is_not_there(term, columns, lacking):
+    model = model_of(term, rich())
+    empty = rich().with_columns(**dict.fromkeys(columns, np.full(500, np.nan)))
+    gone = replace(rich(), columns={n: v for n, v in rich().columns.items() if n not in columns})
+    for recording in (empty, gone):
+        with pytest.raises(DiagnosisError, match=f"p1: {term.name} on axis x .* lacks {lacking}, which"):
+            correct(model, recording)
+
+
+def test_a_simulation_without_any_value_is_refused():
+    empty = rich().with_columns(curr_x_sim=np.full(500, np.nan))
+    with pytest.raises(DiagnosisError, match="'curr_x_sim' is missing"):
+        correct(model_of(RIPPLE, rich()), empty)
 
 
 def test_what_remembers_nothing_asks_for_no_parts():
