@@ -16,7 +16,7 @@ from pido.diagnosis import contract
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.finding import Diagnosis, Finding, HeldOut
 from pido.reports.diagnosis import diagnosis_page
-from pido.reports.page import write_page
+from pido.reports.page import render
 
 PAGE = "report.html"
 
@@ -26,9 +26,9 @@ def diagnose_into(folder: Path, recordings: Sequence[Recording], **how: Any) -> 
 
     Raises DiagnosisError, with nothing written, where nothing can be compared.
     """
+    contract.check_names(r.part.part for r in recordings)
     found = diagnose(recordings, **how)
-    contract.write(found, folder)
-    write_page(diagnosis_page(found, recordings), folder / PAGE)
+    contract.write(found, folder, **{PAGE: render(diagnosis_page(found, recordings))})
     return found
 
 

@@ -153,6 +153,15 @@ def test_an_empty_folder_or_too_few_samples_are_refused_by_name(made, diagnose, 
         assert says in err
 
 
+def test_an_identifier_that_is_no_file_name_is_refused_before_anything_is_compared(made, diagnose):
+    (part,) = made(count=1)
+    about = part / "part.json"
+    about.write_text(json.dumps(json.loads(about.read_text()) | {"part": "p" * 300}))
+    code, _, _, err = diagnose(part)
+    assert code == 1
+    assert "file name of 300 bytes" in err
+
+
 def test_one_short_part_says_what_can_still_be_concluded(made, diagnose):
     code, found, clean, err = diagnose(*made(lambda c, k: only(c, "x"), count=1))
     assert (code, found, clean) == (0, [("x", "viscous_friction")], [])

@@ -14,6 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from plain_parts import parts, with_simulation
 
+from pido.diagnosis import contract
+from pido.diagnosis.finding import Diagnosis, PartSeries
 from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
 
@@ -200,13 +202,30 @@ def test_a_correction_holds_no_number_where_what_it_follows_from_is_missing(made
 
 
 def test_diagnosing_fewer_parts_into_the_same_folder_leaves_none_of_the_others_behind(made, tmp_path):
-    from pido.diagnosis import contract
-    from pido.diagnosis.finding import Diagnosis, PartSeries
-
     one = PartSeries(np.arange(3.0), {}, {}, {})
     contract.write(Diagnosis((), (), {"a": one, "b": one}, {}), tmp_path)
     contract.write(Diagnosis((), (), {"b": one}, {}), tmp_path)
     assert [p.name for p in (tmp_path / "parts").iterdir()] == ["b.parquet"]
+
+
+@pytest.mark.parametrize("place", ["here", "new"])
+def test_a_diagnosis_that_cannot_be_written_leaves_the_former_one_and_what_lies_beside_it(place, tmp_path):
+    time = np.arange(3.0)
+    fits = PartSeries(time, {"x": time}, {"x": time}, {"x": time})
+    contract.write(Diagnosis((), ("x",), {"a": fits}, {}), tmp_path / "here")
+    (tmp_path / "here" / "of.json").write_text("[]")
+    (tmp_path / "here" / "parts" / "note.txt").write_text("worn")
+    before = {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    half = PartSeries(time, {"x": time[:2]}, {"x": time}, {"x": time})
+    with pytest.raises(ValueError, match="length"):
+        contract.write(Diagnosis((), ("x",), {"b": fits, "c": half}, {}), tmp_path / place)
+    assert {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+    assert not (tmp_path / "new").exists()
+    contract.write(Diagnosis((), ("x",), {"b": fits}, {}), tmp_path / "here")
+    assert {p.name for p in (tmp_path / "here").iterdir()} == {
+        "diagnosis.json", "details.json", "model.json", "parts", "of.json",
+    }  # fmt: skip
+    assert {p.name for p in (tmp_path / "here" / "parts").iterdir()} == {"b.parquet", "note.txt"}
 
 
 def test_conditions_are_comparisons_of_columns(answer):
