@@ -1,4 +1,6 @@
-"""Where a verb writes: nothing that was recorded is replaced."""
+"""What `simulate` and `correct` read and where they write: nothing that was recorded is replaced."""
+
+import json
 
 import numpy as np
 import pytest
@@ -84,3 +86,42 @@ def test_a_correction_takes_the_place_of_an_earlier_one(place, call):
     for name in ("p01", "p02"):
         code, _, err = call("correct", place / "diagnosis", place / name, "--out", place / "corrected.parquet")
         assert code == 0, err
+
+
+def changed(folder, **columns):
+    recording = read_recording(folder)
+    return write_folder(recording.with_columns(**columns), folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda t: 1000.0 * t, "looks like ms"),
+        (lambda t: np.where(t == t[7], t[6], t), "time stands still"),
+        (lambda t: np.where(t == t[7], np.nan, t), "time is missing"),
+        (lambda t: t[::-1], "time goes backward"),
+    ],
+)
+def test_a_part_whose_time_is_none_is_not_corrected(change, says, place, call):
+    changed(place / "p01", time=change(read_recording(place / "p01").time))
+    code, out, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert (code, out) == (1, "")
+    assert says in err
+
+
+def test_a_part_in_another_unit_is_corrected_and_said(place, call):
+    changed(place / "p01", v_x=60.0 * read_recording(place / "p01")["v_x"])
+    code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert code == 0
+    assert "It looks like mm/min" in err
+
+
+@pytest.mark.parametrize(("made_on", "code"), [("cmx600v", 0), ("dmc60h", 1), (None, 0)])
+def test_a_diagnosis_is_applied_to_parts_of_its_own_machine(made_on, code, place, call):
+    file = place / "diagnosis" / "model.json"
+    model = json.loads(file.read_text())
+    file.write_text(json.dumps(model if made_on is None else model | {"machine": made_on}))
+    words = ("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    got, _, err = call(*words)
+    assert got == code
+    assert not code or "is of machine 'cmx600v', and the diagnosis of 'dmc60h'" in err
