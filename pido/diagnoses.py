@@ -12,14 +12,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pido.core.columns import TIME
+from pido.core.errors import DiagnosisError
+from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.diagnosis import contract
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.finding import Diagnosis, Finding, HeldOut
+from pido.recordings.check import check
+from pido.recordings.faults import ERROR
 from pido.reports.diagnosis import diagnosis_page
-from pido.reports.page import write_page
+from pido.reports.page import render
 
 PAGE = "report.html"
+_NO_MATTER = frozenset({"missing_column", "unknown_column", "too_short"})  # a diagnosis has its own say on these
 
 
 def diagnose_into(
@@ -30,14 +36,34 @@ def diagnose_into(
     made_on : the parts' machine, where somebody said so and no reader assumed it; `accept-physics` asks for it
     how : as `pido.diagnosis.diagnose.diagnose` takes it
 
-    Raises DiagnosisError, with nothing written, where nothing can be compared.
+    Raises DiagnosisError, with nothing written, where nothing can be compared or time is no time.
     """
+    contract.check_names(r.part.part for r in recordings)
+    doubts = check_all(recordings, how.get("machine"))
     found = diagnose(recordings, **how)
     if made_on is not None:
         found = replace(found, model={**found.model, "machine": made_on})
-    contract.write(found, folder)
-    write_page(diagnosis_page(found, recordings), folder / PAGE)
+    found = replace(found, notes=(*doubts, *found.notes))
+    contract.write(found, folder, **{PAGE: render(diagnosis_page(found, recordings))})
     return found
+
+
+def check_all(recordings: Sequence[Recording], machine: Machine | None = None) -> list[str]:
+    """What `pido ingest` would refuse the recordings for, as far as a diagnosis goes on in spite of it: faulty inputs
+    are what it looks for, and a column that is missing costs it what follows from that column.
+
+    Raises DiagnosisError for what no finding can express: time that is missing, repeats, goes backward, or is in
+    another unit.
+    """
+    fatal, doubts = [], []
+    for recording in recordings:
+        for fault in check(recording, machine):
+            if fault.severity == ERROR and fault.kind not in _NO_MATTER:
+                said = f"part {recording.part.part}: {fault.column}: {fault.what} {fault.advice}"
+                (fatal if fault.column == TIME else doubts).append(said)
+    if fatal:
+        raise DiagnosisError("\n".join(fatal))
+    return doubts
 
 
 def summary(found: Diagnosis) -> list[str]:

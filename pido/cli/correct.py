@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pido.cli.inputs import Input
+from pido.cli.outputs import outside, replaceable
+
+if TYPE_CHECKING:
+    from pido.core.recording import Recording
 
 
 @click.command(name="correct")
@@ -19,18 +25,25 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
 
     DIAGNOSIS is the folder that `pido diagnose --out` wrote. No curr_<axis> column of PART is read: it works where
     there is no recording of the current yet. What parts made since those of the diagnosis left behind (heat, wear) is
-    carried on from the ones given with --after.
+    carried on from the ones given with --after. Nothing is written into what is read, nor over a recording.
 
     \b
     pido correct diagnosis parts/p04 --out p04-corrected.parquet
     pido correct diagnosis parts/p06 --after parts/p04 --after parts/p05 --out p06-corrected.parquet
     """
+    from pido.diagnoses import check_all
     from pido.diagnosis import contract
     from pido.diagnosis.correct import correct, not_told_of
     from pido.recordings import read_recording
 
+    outside(out, (diagnosis, part, *after))
+    replaceable(out, _corrected, "corrected part")
     model = contract.read_model(diagnosis)
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
+    for place, one in zip((part, *after), (recording, *earlier), strict=True):
+        _same_machine(model, place, one)
+    for doubt in check_all([recording, *earlier]):
+        click.echo(doubt, err=True)
     if missing := not_told_of(model, recording, earlier):
         orders = ", ".join(map(str, missing))
         click.echo(
@@ -41,3 +54,22 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     series = correct(model, recording, earlier)
     contract.write_series(series, out, contract.unit_of_series(model))
     click.echo(str(out))
+
+
+def _same_machine(model: Mapping[str, Any], place: Path, recording: Recording) -> None:
+    """Raises DiagnosisError for a part of another machine, where both say theirs."""
+    from pido.core.errors import DiagnosisError
+    from pido.recordings.folder import ABOUT
+
+    about = place / ABOUT if place.is_dir() else place.with_name(ABOUT)
+    made_on = model.get("machine")
+    if made_on is not None and about.is_file() and recording.part.machine != made_on:
+        raise DiagnosisError(
+            f"{place}: part {recording.part.part} is of machine '{recording.part.machine}', and the diagnosis of "
+            f"'{made_on}': what one machine lacks, another need not. Diagnose parts of this one."
+        )
+
+
+def _corrected(columns: Collection[str]) -> bool:
+    """Whether these are the columns of what this verb writes."""
+    return any(name.startswith("mismatch_score_") for name in columns)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from pido.cli.inputs import Input
+from pido.cli.outputs import replaceable
 
 if TYPE_CHECKING:
     from pido.core.recording import Recording
@@ -27,7 +29,8 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
 
     The columns are those of a recording, without currents; each sample knows its NC line. A rapid through the raw
     part, a raw part smaller than the path, a tool that is not in the list or a word that is not understood ends the
-    call before anything is written. Without [stock] in the job the run is an air cut.
+    call before anything is written. Without [stock] in the job the run is an air cut. A recording at --out that was not
+    simulated stays as it is, and ends the call.
 
     \b
     pido simulate impeller.MPF --job job.toml --out impeller.parquet
@@ -50,8 +53,13 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
     from pido.core.part import PartInfo
     from pido.process.quantities import ENGAGEMENT
     from pido.process.simulate import simulate_job
-    from pido.recordings.folder import write_columns, write_folder
+    from pido.recordings.folder import ABOUT, DATA, write_columns, write_folder
 
+    alone = out.suffix.lower() == ".parquet" and not out.is_dir()
+    file = out if alone else out / DATA
+    replaceable(file, _simulated, "simulated recording")
+    if not file.exists() and not alone:
+        replaceable(out / ABOUT, _simulated, "simulated part")
     job = load_job(job_file)
     info = PartInfo(
         part=name or program.stem,
@@ -68,8 +76,7 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
             recording, columns={name: values for name, values in recording.columns.items() if name not in ENGAGEMENT}
         )
     )
-    if out.suffix == ".parquet":
-        out.parent.mkdir(parents=True, exist_ok=True)
+    if alone:
         write_columns(written, out)
     else:
         write_folder(written, out)
@@ -85,6 +92,14 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
             click.echo(f"{of_a_run(key):<32}{f'{value:g}' if isinstance(value, float) else value}")
     for note in recording.notes:
         click.echo(note, err=True)
+
+
+def _simulated(columns: Collection[str]) -> bool:
+    """Whether these are the columns of what this verb writes: each sample has its NC line and load, and no current."""
+    from pido.core.columns import CURRENT, CURRENT_SIM, PROCESS
+
+    currents = {*CURRENT.values(), *CURRENT_SIM.values()}
+    return {"nc_line", *PROCESS} <= set(columns) and currents.isdisjoint(columns)
 
 
 def summary(recording: Recording) -> dict[str, Any]:

@@ -51,6 +51,8 @@ def in_order(recordings: Sequence[Recording], notes: list[str]) -> list[Recordin
             raise DiagnosisError(
                 f"part {r.part.part}: {len(r)} samples; at least {LEAST_ROWS} are needed. Leave this part out."
             )
+        if missing := int(np.sum(~np.isfinite(r.time))):
+            raise DiagnosisError(f"part {r.part.part}: 'time' is missing in {missing} sample(s). Cut these rows out.")
         if not np.all(np.diff(r.time) > 0):
             raise DiagnosisError(f"part {r.part.part}: 'time' does not increase. Put the samples in order first.")
     far = float("inf")

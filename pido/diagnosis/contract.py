@@ -3,14 +3,19 @@
 In:  a Diagnosis, or what `correct` returned for one part.
 Out: files that outside tools read. What the contract has no place for (bins, NC blocks, what was rejected, what to
      record next) goes to `details.json`; the models that `pido correct` applies go to `model.json`.
-Every file is replaced whole, `diagnosis.json` last: who sees it sees a complete folder.
+A former diagnosis is there until all of this one is written; `diagnosis.json` comes last, and who sees it sees a
+complete folder.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import os
+import shutil
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +30,8 @@ from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
 from pido.diagnosis.pair import pair_of
 
 SCHEMA = "pido.diagnosis/1"
+ANSWER = "diagnosis.json"
+_LONGEST_NAME = 215  # of the 255 bytes that a file system takes: the rest is for the ending, and while it is written
 MODEL_SCHEMA = "pido.diagnosis.model/1"
 
 
@@ -59,20 +66,52 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def write(diagnosis: Diagnosis, folder: Path) -> None:
-    """All files of a diagnosis into `folder`, which is made if it is not there; those of a former one there go."""
+def write(diagnosis: Diagnosis, folder: Path, **more: str) -> None:
+    """All files of a diagnosis into `folder`, which is made if it is not there; those of a former one there go once all
+    are written. more : content of further files, by name.
+    """
     unit = unit_of_series(diagnosis.model)
-    series = {folder / "parts" / f"{file_name(part)}.parquet": s for part, s in diagnosis.parts.items()}
-    if (folder / "diagnosis.json").exists():
-        (folder / "diagnosis.json").unlink()
-        for former in set((folder / "parts").glob("*.parquet")) - set(series):
+    with _taking_their_place(folder) as place:
+        for part, series in diagnosis.parts.items():
+            write_series(series, place / "parts" / f"{file_name(part)}.parquet", unit)
+        write_json({"schema": MODEL_SCHEMA, **diagnosis.model}, place / "model.json")
+        write_json(as_details(diagnosis), place / "details.json")
+        for name, content in more.items():
+            write_atomically(place / name, content)
+        write_json(as_contract(diagnosis), place / ANSWER)
+
+
+def check_names(parts: Iterable[str]) -> None:
+    """Raises DiagnosisError for a part whose identifier is longer than a file name may be."""
+    for part in parts:
+        if (size := len(file_name(part))) > _LONGEST_NAME:
+            raise DiagnosisError(
+                f"part {part[:30]}…: its identifier makes a file name of {size} bytes; at most {_LONGEST_NAME} are "
+                "possible. Shorten 'part' in part.json."
+            )
+
+
+@contextmanager
+def _taking_their_place(folder: Path) -> Iterator[Path]:
+    """A place to write to. When the block ends, the series and files there take the place of those in `folder`, what
+    else lies there stays; where the block fails, all stays as it was."""
+    there = folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    place = folder / f".{os.getpid()}-{threading.get_ident()}.new"
+    try:
+        (place / "parts").mkdir(parents=True)
+        yield place
+        (folder / "parts").mkdir(exist_ok=True)
+        (folder / ANSWER).unlink(missing_ok=True)
+        for former in (folder / "parts").glob("*.parquet"):
             former.unlink()
-    (folder / "parts").mkdir(parents=True, exist_ok=True)
-    for path, one in series.items():
-        write_series(one, path, unit)
-    write_json({"schema": MODEL_SCHEMA, **diagnosis.model}, folder / "model.json")
-    write_json(as_details(diagnosis), folder / "details.json")
-    write_json(as_contract(diagnosis), folder / "diagnosis.json")
+        files = sorted((p.relative_to(place) for p in place.rglob("*") if p.is_file()), key=lambda p: p.name == ANSWER)
+        for file in files:
+            (place / file).replace(folder / file)
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+        if not there and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def read_model(folder: Path) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT
@@ -29,7 +31,8 @@ def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Re
 
     earlier : parts of the same machine made before this one, oldest first, where their wear or heat is carried on
 
-    Raises DiagnosisError where the recording has no simulated current and the model has no equation for it.
+    Raises DiagnosisError where the recording has no simulated current and the model has no equation for it, or where
+    it says nothing of an axis in any sample.
     """
     models = axis_models(model)
     pair = pair_of(model)
@@ -44,6 +47,8 @@ def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Re
         states = axis_states([*map(_without_currents, earlier), without], axis, bands=bands)
         state = _with_history(states[-1], model)
         mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
+        if not np.isfinite(corrected[axis]).any():
+            raise DiagnosisError(_says_nothing(without, axis))
     if not corrected:
         raise DiagnosisError("the model holds no axis. Run 'pido diagnose' on parts with recorded currents first.")
     return PartSeries(recording.time, mismatch, scores, corrected)
@@ -68,6 +73,14 @@ def apply(model: AxisModel, recording: Recording, state: AxisState) -> tuple[Flo
     simulated = model.simulated(recording, state)
     effect = model.effect(simulated, recording, state)
     return effect, score(effect, model.noise_level), simulated + effect
+
+
+def _says_nothing(recording: Recording, axis: str) -> str:
+    empty = [n for n, v in recording.columns.items() if v.dtype != object and not np.isfinite(v).any()]
+    return (
+        f"part {recording.part.part}: no sample of axis {axis} can be corrected, because what its current follows from "
+        f"is missing ({', '.join(empty) or 'now one column, now another'}). Export the recording again."
+    )
 
 
 def _with_history(state: AxisState, model: Mapping[str, Any]) -> AxisState:

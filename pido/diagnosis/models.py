@@ -23,6 +23,7 @@ from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
+from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -34,6 +35,7 @@ from pido.diagnosis.tools import ByTool
 from pido.diagnosis.waves import Wave
 
 _GIVEN_BY = {
+    "way": "v_{axis} or pos_{axis}",
     "pos": "pos_{axis}",
     "force": "f_{axis}_sim",
     "force_perp": "f_x_sim, f_y_sim, f_z_sim",
@@ -102,7 +104,8 @@ class AxisModel:
         return state.sim
 
     def effect(self, simulated: Float1D, recording: Recording, state: AxisState) -> Float1D:
-        """(n,), A – recorded minus simulated current as far as it is systematic.
+        """(n,), A – recorded minus simulated current as far as it is systematic; NaN where a value that it follows from
+        is missing.
 
         Raises DiagnosisError where the part does not say what a finding follows from, and the diagnosed parts did.
         """
@@ -113,15 +116,16 @@ class AxisModel:
             total += self.equation.of(recording, state, self.equation.joint) - simulated
         bounds = self.largest or (np.inf,) * len(self.terms)
         for term, amplitudes, most in zip(self.terms, self.amplitudes, bounds, strict=True):
-            columns = term.of_part(state)
-            if not columns.any():
+            columns = known_columns(term, recording, state)
+            if not np.nan_to_num(columns).any():
                 self._check_known(term, state)
             total += np.clip(amplitudes @ columns, -BEYOND * most, BEYOND * most)
         return np.clip(simulated + total, *self._limits_of(recording.part.part)) - simulated
 
     def _check_known(self, term: Term, state: AxisState) -> None:
         """A term that is nothing throughout: right where the part says so, not where it does not say."""
-        names = [n for n in term.mechanism.follows_from if n in self.known and getattr(state, n) is None]
+        follows_from = ("way", *term.mechanism.follows_from)  # of the motion of its axis, every law may speak
+        names = [n for n in follows_from if n in self.known and getattr(state, n) is None]
         if names:
             silent = [_GIVEN_BY[name].format(axis=self.axis) for name in names]
             raise DiagnosisError(

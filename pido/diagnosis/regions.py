@@ -202,7 +202,9 @@ def _of_themselves(noise: Noise, whitened: Float32, plain: Float32) -> Float32:
 
 def _sign(library: Library, term: Term) -> float:
     """Sign that the amplitude must have, 0 where it may have any."""
-    (amplitude,) = term.mechanism.amplitudes
+    amplitude, *others = term.mechanism.amplitudes
+    if others:  # of which these data show the first alone
+        return 0.0
     one_side = amplitude.low == 0.0 and term.name not in library.any_sign
     return library.polarity if one_side else 0.0
 

@@ -173,10 +173,8 @@ def _state(
 ) -> AxisState:
     time = recording.time
     motions = {a: m for a in AXES if (m := _judged(recording, a, bands)) is not None}
-    own = motions.pop(axis, None)
-    if own is None:
-        zero = np.zeros(len(time))
-        own = Motion(zero, zero, zero, zero.astype(bool), zero)
+    still, recorded = np.zeros(len(time)), motions.pop(axis, None)
+    own = recorded or Motion(still, still, still, still.astype(bool), still)
     pos = _position(recording, axis)
     since, since_s, segment = _since_reversal(time, own, pos)
     forces = {a: f for a in LINEAR_AXES if (f := _numbers(recording, FORCE_SIM[a])) is not None}
@@ -218,7 +216,7 @@ def _state(
         since_reversal=since,
         since_reversal_s=since_s,
         segment=segment,
-        way=np.cumsum(np.where(own.moving, np.abs(own.v), 0.0)) * dt,
+        way=None if recorded is None else np.cumsum(np.where(own.moving, np.abs(own.v), 0.0)) * dt,
         others=motions,
         force=forces.get(axis),
         forces=forces,
@@ -504,4 +502,6 @@ def _position(recording: Recording, axis: str) -> Float1D | None:
 
 
 def _numbers(recording: Recording, name: str) -> Float1D | None:
-    return np.asarray(recording[name], float) if name in recording else None
+    """A column; None where it is not there, or has no value: it says nothing of the part then."""
+    values = np.asarray(recording[name], float) if name in recording else None
+    return None if values is None or np.isnan(values).all() else values

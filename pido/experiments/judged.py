@@ -115,7 +115,7 @@ def judge(answer: Answer, truth: Mapping[str, Any], sealed: Path, unseen: str) -
         row["auc"] = _localised(answer, axis, sealed)
         effect = _sealed(sealed, unseen)[f"effect_{axis}"].to_numpy()
         power = float(np.mean(effect**2))
-        guess = answer.unseen.get(axis, np.zeros_like(effect))
+        guess = np.nan_to_num(answer.unseen.get(axis, np.zeros_like(effect)))  # what is not said corrects nothing
         row["removed"] = float(1 - np.mean((effect - guess) ** 2) / power) if power > 0 else None
     return row
 
@@ -167,7 +167,7 @@ def _localised(answer: Answer, axis: str, sealed: Path) -> float | None:
     scores, inside = [], []
     for part, by_axis in answer.scores.items():
         acts = _sealed(sealed, part)[f"acts_{axis}"].to_numpy(bool)
-        scores.append(by_axis.get(axis, np.zeros(len(acts))))
+        scores.append(np.nan_to_num(by_axis.get(axis, np.zeros(len(acts)))))
         inside.append(acts)
     return area_under_curve(np.concatenate(scores), np.concatenate(inside))
 

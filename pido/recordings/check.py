@@ -327,8 +327,10 @@ def _order(recording: Recording, machine: Machine | None) -> list[Fault]:
         p, v = POSITION[axis], VELOCITY[axis]
         if p in recording and v in recording:
             fastest = np.maximum(np.abs(recording[v][1:]), np.abs(recording[v][:-1]))
-            scale = float(np.nanquantile(np.abs(np.diff(recording[p])), 0.9))
-            jump |= np.abs(np.diff(recording[p])) > 3.0 * fastest * step + max(10 * scale, 0.5)
+            way = np.abs(np.diff(recording[p]))
+            known = way[np.isfinite(way)]
+            scale = float(np.quantile(known, 0.9)) if len(known) else 0.0
+            jump |= way > 3.0 * fastest * step + max(10 * scale, 0.5)
     jump &= inside
     if not jump.any():
         return []

@@ -19,6 +19,7 @@ from pydantic import ValidationError
 from pido.core.arrays import Array1D
 from pido.core.columns import ALIASES, UNITS
 from pido.core.errors import RecordingError, SettingsError
+from pido.core.files import replacing, write_atomically
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings.reader import Reader, head
@@ -97,20 +98,20 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
 
 
 def write_columns(recording: Recording, path: Path) -> None:
-    """The columns as Parquet, float64, in their order."""
+    """The columns as Parquet, float64, in their order; the file is replaced whole."""
     arrays = {
         name: pa.array(values, type=pa.string()) if values.dtype == object else pa.array(np.asarray(values, float))
         for name, values in recording.columns.items()
     }
-    pq.write_table(pa.table(arrays), path, compression="zstd")
+    with replacing(path) as temporary:
+        pq.write_table(pa.table(arrays), temporary, compression="zstd")
 
 
 def write_folder(recording: Recording, path: Path) -> Path:
     """A part folder that reads back as the same recording."""
-    path.mkdir(parents=True, exist_ok=True)
     write_columns(recording, path / DATA)
     about = recording.part.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    (path / ABOUT).write_bytes(orjson.dumps(about, option=orjson.OPT_INDENT_2))
+    write_atomically(path / ABOUT, orjson.dumps(about, option=orjson.OPT_INDENT_2))
     return path
 
 

@@ -47,9 +47,12 @@ def unit_slips(recording: Recording, machine: Machine | None) -> list[Fault]:
     ratios = {a: r for a in AXES if (r := _speed_ratio(recording, a)) is not None}
     faults: list[Fault] = []
     linear = [ratios[a] for a in LINEAR_AXES if a in ratios]
+    # Of one axis alone, its acceleration has to say the same: a speed in another unit is that far away from its change.
+    changes = [r for a in LINEAR_AXES if a in ratios and (r := _acceleration_ratio(recording, a)) is not None]
+    told = linear + changes if len(linear) == 1 else linear
     # v / (dp/dt) is the unit of v, or the reciprocal of time's: ms instead of s make dp/dt a thousandth.
-    common = _known(float(np.median(linear)), {1 / k: u for k, u in _TIME.items()}) if len(linear) > 1 else None
-    if common and max(linear) / min(linear) < 1.1 and common[1] in {"ms", "µs"}:
+    common = _known(float(np.median(linear)), {1 / k: u for k, u in _TIME.items()}) if len(told) > 1 else None
+    if common and max(told) / min(told) < 1.1 and common[1] in {"ms", "µs"}:
         what = f"all speeds are {np.median(linear):.4g} times the derivative of their position."
         advice = f"Time looks like {common[1]}; it must be in s. Convert it and ingest again."
         return [whole("unit_slip", TIME, what, advice, ERROR)]
@@ -133,7 +136,8 @@ def _beyond_the_machine(recording: Recording, machine: Machine | None, slipped: 
         column = CURRENT[axis]
         limit = machine.current_max_a.get(axis)
         if column in recording and limit:
-            usual = float(np.nanquantile(np.abs(recording[column]), 0.9))
+            known = np.abs(recording[column][np.isfinite(recording[column])])
+            usual = float(np.quantile(known, 0.9)) if len(known) else 0.0
             if usual > 5 * limit:
                 what = f"'{column}' is above {usual:.3g} in a tenth of the samples; the drive's limit is {limit:g} A."
                 advice = f"It looks like {'mA' if usual < 5000 * limit else 'raw counts'}; it must be in A."

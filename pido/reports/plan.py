@@ -42,6 +42,14 @@ def plan_rows(report: Report, grid: Grid, visits: np.ndarray) -> list[dict[str, 
     ]
 
 
+def is_rows(rows: Any) -> bool:
+    """Whether these are rows as `plan_rows` makes them, as of a file that somebody names."""
+    names = ("v_x", "v_y", "ar", "coming", "real", "pia", "pie")
+    return isinstance(rows, list) and all(
+        isinstance(row, dict) and all(isinstance(row.get(name), int | float) for name in names) for row in rows
+    )
+
+
 def plan_figures(rows: list[dict[str, float]]) -> dict[str, Any]:
     """What a person asks first: how many bins, how many are empty, how much of the part runs in known bins."""
     coming = sum(row["coming"] for row in rows)

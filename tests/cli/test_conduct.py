@@ -123,6 +123,12 @@ def folder(tmp_path_factory):
     part(place, "misspelt")
     (place / "misspelt" / "part.json").write_text('{"part": "m", "machine": "cmx600v", "oder": 3}')
     part(place, "short", rows=50)
+    for name, content in {
+        "number": {"part": "x", "bins": 3},
+        "words": {"part": "x", "bins": [{"v_x": "fast"}]},
+        "list": [],
+    }.items():
+        (place / f"{name}.json").write_text(json.dumps(content))
     (place / "bad.toml").write_text("machine = \n")
     (place / "job.toml").write_text('machine = "cmx600v"\n[tools.T1]\ndiameter_mm = 10.0\nteeth = 2\n')
     (place / "no_machine.toml").write_text('machine = "no such mill"\n[tools.T1]\ndiameter_mm = 10.0\nteeth = 2\n')
@@ -149,6 +155,9 @@ MISTAKES = {
     "approval without a workspace": "approve 1 --by me --reason r -w nowhere",
     "refusal without a workspace": "reject 1 --by me --reason r -w nowhere",
     "rollback without a workspace": "rollback --by me --reason r -w nowhere",
+    "a plan whose bins are a number": "report plan number.json --out o.parquet",
+    "a plan whose bins are words": "report plan words.json --out o.parquet",
+    "a plan that is a list": "report plan list.json --out o.parquet",
     "a plan without parts": "plan good.mpf --job job.toml -w nowhere",
     "monitoring without a workspace": "monitor p1 -w nowhere",
     "an iteration of a letter": "iterate text.csv -w plant --machine cmx600v",

@@ -101,7 +101,20 @@ NOTHING_COMPARED = {
         lambda c, k: only(c, "x") | {n: np.zeros(ROWS) for n in ("pos_x", "v_x", "a_x")},
         "no other signal varies",
     ),
-    "time that goes back": (lambda c, k: c | {"time": c["time"][::-1].copy()}, "'time' does not increase"),
+    "time that never ends": (
+        lambda c, k: c | {"time": np.where(np.arange(ROWS) == ROWS - 1, np.inf, c["time"])},
+        "part p1: time: time is missing",
+    ),
+    "time that stands still": (
+        lambda c, k: c | {"time": np.where(np.arange(ROWS) == 500, c["time"][499], c["time"])},
+        "part p2: time: time stands still",
+    ),
+    "time in milliseconds": (lambda c, k: c | {"time": 1000.0 * c["time"]}, "looks like ms; it must be in s"),
+    "time in milliseconds, one axis": (
+        lambda c, k: only(c | {"time": 1000.0 * c["time"]}, "x"),
+        "looks like ms; it must be in s",
+    ),
+    "time that goes back": (lambda c, k: c | {"time": c["time"][::-1].copy()}, "time goes backward"),
 }  # fmt: skip
 
 
@@ -149,6 +162,15 @@ def test_an_empty_folder_or_too_few_samples_are_refused_by_name(made, diagnose, 
         assert says in err
 
 
+def test_an_identifier_that_is_no_file_name_is_refused_before_anything_is_compared(made, diagnose):
+    (part,) = made(count=1)
+    about = part / "part.json"
+    about.write_text(json.dumps(json.loads(about.read_text()) | {"part": "p" * 300}))
+    code, _, _, err = diagnose(part)
+    assert code == 1
+    assert "file name of 300 bytes" in err
+
+
 def test_one_short_part_says_what_can_still_be_concluded(made, diagnose):
     code, found, clean, err = diagnose(*made(lambda c, k: only(c, "x"), count=1))
     assert (code, found, clean) == (0, [("x", "viscous_friction")], [])
@@ -179,6 +201,18 @@ def test_missing_and_infinite_values_are_left_out_not_explained(made, diagnose):
     code, found, _, err = diagnose(*made(change))
     assert (code, found) == (0, [("x", "viscous_friction")])
     assert "infinite values of curr_x are taken as missing" in err
+
+
+def test_a_column_without_any_value_is_as_one_that_was_not_recorded(made, diagnose):
+    code, found, _, err = diagnose(*made(lambda c, k: only(blank(c, "pos_x", np.full(ROWS, True)), "x")))
+    assert (code, found) == (0, [("x", "viscous_friction")]), err
+
+
+def test_a_speed_in_another_unit_is_said_and_what_was_found_stands_beside_it(made, diagnose, tmp_path):
+    code, _, _, err = diagnose(*made(lambda c, k: only(c, "x") | {"v_x": 60.0 * c["v_x"]}, count=1))
+    assert code == 0
+    assert "part p1: v_x: 'v_x' is 60 times the derivative of its position. It looks like mm/min" in err
+    assert any("mm/min" in note for note in json.loads((tmp_path / "out" / "details.json").read_text())["notes"])
 
 
 def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says_so(made, diagnose):

@@ -14,6 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 from plain_parts import parts, with_simulation
 
+from pido.diagnosis import contract
+from pido.diagnosis.finding import Diagnosis, PartSeries
+from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
 
 AXES = ["x", "y", "z", "sp"]
@@ -186,14 +189,43 @@ def test_a_correction_reads_no_recorded_current_and_writes_the_same_columns(made
     assert after < 1.1 * 0.05 < before
 
 
-def test_diagnosing_fewer_parts_into_the_same_folder_leaves_none_of_the_others_behind(made, tmp_path):
-    from pido.diagnosis import contract
-    from pido.diagnosis.finding import Diagnosis, PartSeries
+def test_a_correction_holds_no_number_where_what_it_follows_from_is_missing(made, tmp_path):
+    out, folders = made
+    whole = read_recording(folders[3])
+    missing = np.arange(len(whole)) // 50 == 4
+    part = write_folder(whole.with_columns(v_x=np.where(missing, np.nan, whole["v_x"])), tmp_path / "holed")
+    pido("correct", out, part, "--out", tmp_path / "corrected.parquet")
+    series = pq.read_table(tmp_path / "corrected.parquet")
+    for axis in AXES:
+        for name in (f"mismatch_{axis}", f"mismatch_score_{axis}", f"curr_{axis}_corrected"):
+            np.testing.assert_array_equal(np.isnan(series[name].to_numpy()), missing & (axis == "x"), name)
 
+
+def test_diagnosing_fewer_parts_into_the_same_folder_leaves_none_of_the_others_behind(made, tmp_path):
     one = PartSeries(np.arange(3.0), {}, {}, {})
     contract.write(Diagnosis((), (), {"a": one, "b": one}, {}), tmp_path)
     contract.write(Diagnosis((), (), {"b": one}, {}), tmp_path)
     assert [p.name for p in (tmp_path / "parts").iterdir()] == ["b.parquet"]
+
+
+@pytest.mark.parametrize("place", ["here", "new"])
+def test_a_diagnosis_that_cannot_be_written_leaves_the_former_one_and_what_lies_beside_it(place, tmp_path):
+    time = np.arange(3.0)
+    fits = PartSeries(time, {"x": time}, {"x": time}, {"x": time})
+    contract.write(Diagnosis((), ("x",), {"a": fits}, {}), tmp_path / "here")
+    (tmp_path / "here" / "of.json").write_text("[]")
+    (tmp_path / "here" / "parts" / "note.txt").write_text("worn")
+    before = {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    half = PartSeries(time, {"x": time[:2]}, {"x": time}, {"x": time})
+    with pytest.raises(ValueError, match="length"):
+        contract.write(Diagnosis((), ("x",), {"b": fits, "c": half}, {}), tmp_path / place)
+    assert {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+    assert not (tmp_path / "new").exists()
+    contract.write(Diagnosis((), ("x",), {"b": fits}, {}), tmp_path / "here")
+    assert {p.name for p in (tmp_path / "here").iterdir()} == {
+        "diagnosis.json", "details.json", "model.json", "parts", "of.json",
+    }  # fmt: skip
+    assert {p.name for p in (tmp_path / "here" / "parts").iterdir()} == {"b.parquet", "note.txt"}
 
 
 def test_conditions_are_comparisons_of_columns(answer):

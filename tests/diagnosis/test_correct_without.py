@@ -1,4 +1,4 @@
-"""A part that does not say what a finding follows from is not corrected in silence."""
+"""A part, or a sample, that does not say what a finding follows from is not corrected in silence."""
 
 import warnings
 from dataclasses import replace
@@ -15,7 +15,7 @@ from pido.diagnosis.formulas import Formula
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.models import AxisModel, as_json, known_of, shifted
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Term
+from pido.diagnosis.terms import Gate, Term
 
 COOLANT = Term(next(m for m in CATALOGUE if m.id == "coolant_load"), (("along", 0.0),))
 
@@ -83,6 +83,102 @@ def test_wear_that_a_part_states_itself_is_not_asked_for(used, missing):
     )
     model = as_json({"x": AxisModel("x", 0.1, (wear,), (np.ones(1),))}) | {"orders": [1]}
     assert not_told_of(model, late) == missing
+
+
+def mechanism(name, **shape):
+    return Term(next(m for m in CATALOGUE if m.id == name), tuple(shape.items()))
+
+
+RIPPLE = mechanism("torque_ripple", L=5.0, harmonics=0.0, late=0.0)
+HOLE = slice(200, 240)
+
+
+def rich(**more):
+    """Both axes move, the tool cuts now and then, coolant is on throughout."""
+    t, cuts = np.arange(500) * 0.02, np.arange(500) % 100 < 60
+    y = {"v_y": 6 * np.cos(t), "a_y": -6 * np.sin(t), "pos_y": 6 * np.sin(t)}
+    load = {f"f_{axis}_sim": 80.0 * cuts for axis in "xyz"}
+    return part(**y, **load, mrr_sim=50.0 * cuts, coolant=np.ones(500), **more)
+
+
+def with_hole(recording, *names):
+    columns = {name: recording[name].copy() for name in names}
+    for values in columns.values():
+        values[HOLE] = np.nan
+    return recording.with_columns(**columns)
+
+
+@pytest.mark.parametrize(
+    ("term", "column"),
+    [
+        (RIPPLE, "pos_x"),
+        (COOLANT, "coolant"),
+        (mechanism("inertia"), "a_x"),
+        (mechanism("coulomb_friction", rest=0.0, v_0=0.1), "v_x"),
+        (mechanism("coulomb_friction", rest=1.0, v_0=0.1), "v_x"),
+        (mechanism("coulomb_friction", rest=3.0, v_0=0.1), "v_x"),
+        (mechanism("axis_coupling", source=5.0), "v_y"),
+        (mechanism("edge_force", along=0.0, length=0.0), "mrr_sim"),
+        (Term(Formula((("pos_y", "u"),), "mm")), "pos_y"),
+        (Term(Formula((("feed", "u"),), "mm/s")), "v_y"),
+        (replace(COOLANT, gates=(Gate("v_x", low=3.0),)), "v_x"),
+        (replace(COOLANT, gates=(Gate("v_y", high=3.0),)), "v_y"),
+    ],
+)
+def test_nothing_is_said_where_what_a_finding_follows_from_is_missing(term, column):
+    model = model_of(term, rich())
+    whole, holed = correct(model, rich()), correct(model, with_hole(rich(), column))
+    missing = np.zeros(500, bool)
+    missing[HOLE] = True
+    for series in (holed.mismatch, holed.score, holed.corrected):
+        np.testing.assert_array_equal(np.isnan(series["x"]), missing)
+    np.testing.assert_allclose(holed.mismatch["x"][~missing], whole.mismatch["x"][~missing], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("term", "column"),
+    [
+        (COOLANT, "pos_x"),
+        (COOLANT, "v_x"),
+        (RIPPLE, "a_x"),
+        (mechanism("cutting_force"), "mrr_sim"),
+        (mechanism("backlash", gap=1.0, edge=1.0, per=0.0), "pos_y"),
+        (replace(RIPPLE, gates=(Gate("v_y", low=1000.0),)), "pos_x"),
+    ],
+)
+def test_what_a_finding_does_not_follow_from_may_be_missing(term, column):
+    model = model_of(term, rich())
+    whole, holed = correct(model, rich()), correct(model, with_hole(rich(), column))
+    np.testing.assert_allclose(holed.mismatch["x"], whole.mismatch["x"], atol=1e-12)
+
+
+def test_a_play_that_no_reversal_has_shown_yet_is_nothing_and_not_missing():
+    model = model_of(mechanism("backlash", gap=1.0, edge=1.0, per=0.0), rich())
+    before = correct(model, with_hole(rich(), "pos_y")).mismatch["x"][:100]
+    np.testing.assert_array_equal(before, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("term", "columns", "lacking"),
+    [
+        (RIPPLE, ["pos_x"], "pos_x"),
+        (COOLANT, ["coolant"], "coolant"),
+        (mechanism("viscous_friction"), ["v_x", "pos_x"], "v_x or pos_x"),
+    ],
+)
+def test_a_column_without_any_value_is_refused_as_one_that_is_not_there(term, columns, lacking):
+    model = model_of(term, rich())
+    empty = rich().with_columns(**dict.fromkeys(columns, np.full(500, np.nan)))
+    gone = replace(rich(), columns={n: v for n, v in rich().columns.items() if n not in columns})
+    for recording in (empty, gone):
+        with pytest.raises(DiagnosisError, match=f"p1: {term.name} on axis x .* lacks {lacking}, which"):
+            correct(model, recording)
+
+
+def test_a_simulation_without_any_value_is_refused():
+    empty = rich().with_columns(curr_x_sim=np.full(500, np.nan))
+    with pytest.raises(DiagnosisError, match="'curr_x_sim' is missing"):
+        correct(model_of(RIPPLE, rich()), empty)
 
 
 def test_what_remembers_nothing_asks_for_no_parts():

@@ -27,6 +27,7 @@ from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
 from pido.diagnosis.whiten import estimate_noise
 from pido.physics.drive import answered_late
+from tests.diagnosis.planted import white
 from tests.diagnosis.to_and_fro import NOISE, VISCOUS, laid_out, library_of, nothing, recordings
 
 POS = np.concatenate([r["pos_x"] for r in recordings()])
@@ -54,6 +55,19 @@ def test_an_effect_that_acts_on_one_side_of_a_speed_is_confined_there():
     assert gate.high == np.inf
     assert found.bic < min(s.bic for s in everywhere) - CLEARLY
     assert found.amplitudes == pytest.approx([0.05], rel=0.05)
+
+
+def test_a_law_of_which_the_parts_show_one_amplitude_alone_may_be_confined():
+    shape = (("form", 0.0), ("L", 5.0), ("p_0", 0.0), ("rest", 0.0), ("v_0", 0.1))
+    along_travel = Term(next(m for m in CATALOGUE if m.id == "position_dependent_friction"), shape)
+    states = [replace(s, pos=np.full(len(s.time), np.nan)) for s in axis_states(list(recordings()), "x")]
+    effects = [0.3 * s.along * (s.others["y"].v > 4.0) for s in states]
+    rng = np.random.default_rng(0)
+    mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(e)) for e in effects])
+    noise = white(mismatch)
+    library = library_of(mismatch, noise, along_travel)
+    found = best_region(library, basis(library, noise, []))
+    assert [gate.variable for gate in found.term.gates] == ["v_y"]
 
 
 def test_an_effect_that_acts_everywhere_is_not_confined():

@@ -16,7 +16,7 @@ def truth(mechanism: str, parameters: dict[str, tuple[float, str]], **more: Any)
     return {"effects": [effect]}
 
 
-def verdict(claims: tuple[Claim, ...], of: dict[str, Any], folder: Path, guess: float = 1.0) -> dict[str, Any]:
+def verdict(claims: tuple[Claim, ...], of: dict[str, Any], folder: Path, guess: Any = 1.0) -> dict[str, Any]:
     acts = np.arange(40) % 2 == 0
     for part in ("shown", "unseen"):
         pd.DataFrame({"effect_x": acts * 0.5, "acts_x": acts}).to_parquet(folder / f"{part}.parquet")
@@ -75,3 +75,9 @@ def test_names_places_and_what_is_removed(tmp_path: Path) -> None:
     assert (nothing["first"], nothing["listed"], nothing["false"]) == (False, False, 0)
     clean = verdict((), {"effects": []}, tmp_path)
     assert (clean["first"], clean["found"], clean["of"]) == (None, None, 0)
+
+
+def test_what_a_correction_leaves_open_is_not_removed(tmp_path: Path) -> None:
+    rows = np.where(np.arange(40) < 20, np.nan, 1.0)
+    row = verdict((claim("backlash"),), truth("backlash", {}), tmp_path, guess=rows)
+    assert row["removed"] == pytest.approx(0.5)

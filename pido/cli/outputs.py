@@ -1,0 +1,41 @@
+"""Files and folders that a verb writes: looked at before anything is computed; nothing that was recorded is replaced.
+
+In:  what --out names, and the inputs of the call. Out: nothing, or InputError that names another way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+
+from pido.core.errors import InputError
+
+
+def replaceable(file: Path, own: Callable[[Collection[str]], bool], what: str) -> None:
+    """Raises InputError where `file` is there and may not be replaced.
+
+    own : whether a Parquet file with these columns is `what` the verb writes
+    """
+    if not file.exists():
+        return
+    if not own(_columns(file)):
+        raise InputError(f"--out {file}: is there already and is no {what}. Name another place, or move it away.")
+
+
+def outside(out: Path, inputs: Iterable[Path]) -> None:
+    """Raises InputError where `out` is one of the inputs, or lies in one."""
+    place = out.resolve()
+    for each in inputs:
+        if place.is_relative_to(each.resolve()):
+            raise InputError(f"--out {out}: belongs to {each}, which is read. Name a place outside of it.")
+
+
+def _columns(file: Path) -> list[str]:
+    """Of a Parquet file; none of anything else."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_schema(file).names
+    except (pa.ArrowException, OSError):
+        return []

@@ -1,0 +1,127 @@
+"""What `simulate` and `correct` read and where they write: nothing that was recorded is replaced."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis import contract
+from pido.diagnosis.finding import Diagnosis
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.models import AxisModel, as_json
+from pido.diagnosis.terms import Term
+from pido.recordings import read_recording
+from pido.recordings.folder import write_folder
+
+VISCOUS = Term(next(m for m in CATALOGUE if m.id == "viscous_friction"))
+
+
+def part(folder, name, machine="cmx600v"):
+    t = np.arange(600) * 0.02
+    v = 10 * np.sin(t)
+    columns = {"time": t, "pos_x": -10 * np.cos(t), "v_x": v, "a_x": 10 * np.cos(t), "curr_x": v, "curr_x_sim": 0.9 * v}
+    return write_folder(Recording(PartInfo(part=name, machine=machine), columns), folder / name)
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A diagnosis, two recorded parts, and a program with its job."""
+    model = as_json({"x": AxisModel("x", 0.1, (VISCOUS,), (np.full(1, 0.1),))})
+    contract.write(Diagnosis((), ("x",), {}, model), tmp_path / "diagnosis")
+    for name in ("p01", "p02"):
+        part(tmp_path, name)
+    (tmp_path / "job.toml").write_text('machine = "cmx600v"\n[tools.T1]\ndiameter_mm = 10.0\nteeth = 2\n')
+    (tmp_path / "slot.mpf").write_text("G90 G0 X0 Y0 Z5\nG1 X10 F600\nM30\n")
+    return tmp_path
+
+
+def contents(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate {}/slot.mpf --job {}/job.toml --out {}/p01",
+        "simulate {}/slot.mpf --job {}/job.toml --out {}/p01/recording.parquet",
+        "simulate {}/slot.mpf --job {}/job.toml --out {}/about",
+        "correct {}/diagnosis {}/p01 --out {}/p01/recording.parquet",
+        "correct {}/diagnosis {}/p01 --out {}/p01/corrected.parquet",
+        "correct {}/diagnosis {}/p01 --out {}/p02/recording.parquet",
+        "correct {}/diagnosis {}/p01 --after {}/p02 --out {}/p02/corrected.parquet",
+        "correct {}/diagnosis {}/p01 --out {}/diagnosis/model.json",
+        "correct {}/diagnosis {}/p01 --out {}/slot.mpf",
+    ],
+)
+def test_what_was_recorded_or_is_read_is_not_replaced(words, place, call):
+    (place / "about").mkdir()
+    (place / "about" / "part.json").write_text('{"part": "p09", "machine": "cmx600v"}')
+    before = contents(place)
+    code, out, err = call(*words.format(*[place] * 4).split())
+    assert (code, out) == (1, "")
+    assert err.startswith("pido: --out ")
+    assert contents(place) == before
+
+
+@pytest.mark.parametrize("out", ["simulated", "simulated.parquet", "simulated.PARQUET"])
+def test_a_simulation_takes_the_place_of_an_earlier_one(out, place, call):
+    words = ("simulate", place / "slot.mpf", "--job", place / "job.toml", "--out", place / out)
+    assert call(*words, "--engagement")[0] == 0
+    assert call(*words)[0] == 0
+    assert "a_p" not in read_recording(place / out)
+
+
+def test_a_simulation_goes_into_a_folder_that_holds_something_else(place, call):
+    (place / "mine").mkdir()
+    (place / "mine" / "note.txt").write_text("to be cut on Monday")
+    code, _, err = call("simulate", place / "slot.mpf", "--job", place / "job.toml", "--out", place / "mine")
+    assert code == 0, err
+    assert read_recording(place / "mine").part.program == "slot.mpf"
+    assert (place / "mine" / "note.txt").exists()
+
+
+def test_a_correction_takes_the_place_of_an_earlier_one(place, call):
+    for name in ("p01", "p02"):
+        code, _, err = call("correct", place / "diagnosis", place / name, "--out", place / "corrected.parquet")
+        assert code == 0, err
+
+
+def changed(folder, **columns):
+    recording = read_recording(folder)
+    return write_folder(recording.with_columns(**columns), folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda t: 1000.0 * t, "looks like ms"),
+        (lambda t: np.where(t == t[7], t[6], t), "time stands still"),
+        (lambda t: np.where(t == t[7], np.nan, t), "time is missing"),
+        (lambda t: t[::-1], "time goes backward"),
+    ],
+)
+def test_a_part_whose_time_is_none_is_not_corrected(change, says, place, call):
+    changed(place / "p01", time=change(read_recording(place / "p01").time))
+    code, out, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert (code, out) == (1, "")
+    assert says in err
+
+
+def test_a_part_in_another_unit_is_corrected_and_said(place, call):
+    changed(place / "p01", v_x=60.0 * read_recording(place / "p01")["v_x"])
+    code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert code == 0
+    assert "It looks like mm/min" in err
+
+
+@pytest.mark.parametrize(("made_on", "code"), [("cmx600v", 0), ("dmc60h", 1), (None, 0)])
+def test_a_diagnosis_is_applied_to_parts_of_its_own_machine(made_on, code, place, call):
+    file = place / "diagnosis" / "model.json"
+    model = json.loads(file.read_text())
+    file.write_text(json.dumps(model if made_on is None else model | {"machine": made_on}))
+    words = ("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    got, _, err = call(*words)
+    assert got == code
+    assert not code or "is of machine 'cmx600v', and the diagnosis of 'dmc60h'" in err
