@@ -18,7 +18,7 @@ from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION, TIME, UNITS, VELOCITY
 from pido.core.machining import Machine
-from pido.core.recording import Recording
+from pido.core.recording import Recording, usual_step
 from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
 from pido.recordings.segments import GAP, counter_resets, starts, stretches, unwrap_deg
 from pido.recordings.units import unit_slips
@@ -39,7 +39,7 @@ def check(recording: Recording, machine: Machine | None = None, *, air_cut: bool
     """
     structural = [*_columns(recording), *_length(recording), *_time(recording)]
     faults = [*structural]
-    if len(recording) >= 3 and not any(f.kind in {"time_missing", "time_backward"} for f in structural):
+    if _has_time_base(recording.time):
         for one in CHECKS:
             faults.extend(one(recording, machine))
         if not air_cut:
@@ -121,14 +121,23 @@ def _time(recording: Recording) -> list[Fault]:
         faults.append(at("time_backward", TIME, back, time, what, advice, ERROR, mask=True))
     if same.any():
         faults.append(at("time_repeated", TIME, same, time, "time stands still.", advice, ERROR, mask=True))
-    if (step > 0).any():
-        typical = float(np.median(step[step > 0]))
-        gap = np.r_[False, step > GAP * typical]
-        if gap.any():
-            what = f"{int(gap.sum())} gap(s), the longest {step.max():.2f} s at a usual step of {typical:.4g} s."
-            advice = "Nothing is filled in or derived across; if the missing samples exist, export them."
-            faults.append(at("gap", TIME, gap, time, what, advice, WARNING, mask=False))
+    typical = usual_step(time)
+    gap = np.r_[False, step > GAP * typical]
+    if gap.any():
+        what = f"{int(gap.sum())} gap(s), the longest {step.max():.2f} s at a usual step of {typical:.4g} s."
+        advice = "Nothing is filled in or derived across; if the missing samples exist, export them."
+        faults.append(at("gap", TIME, gap, time, what, advice, WARNING, mask=False))
     return faults
+
+
+def _has_time_base(time: Float1D) -> bool:
+    """Whether anything along time can be judged: it never goes backward, and stands still in a row or two at most.
+
+    Stamps that were rounded to more than a step repeat everywhere, and what lies between them is not known.
+    """
+    step = np.diff(time)
+    forward = len(time) >= 3 and bool(np.isfinite(time).all() and (step >= 0).all())
+    return forward and float(np.mean(step == 0)) <= 0.01
 
 
 def _missing_values(recording: Recording, machine: Machine | None) -> list[Fault]:

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from pido import config
+from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings import read_recording
 from pido.recordings.check import check, usable_mask
+from pido.recordings.resample import resample
 
 N, RATE = 3000, 50.0
 
@@ -119,6 +121,23 @@ def test_time_that_does_not_advance_is_an_error(step, kind):
     faults = check(_spoiled("time", lambda t: t + step, slice(700, None)))
     assert [f.kind for f in faults if f.severity == "error"] == [kind]
     assert faults[0].rows == 1
+
+
+@pytest.mark.parametrize(
+    ("stamp", "repeated"),
+    [
+        (lambda t: np.floor(10 * t + 1e-6) / 10, N - 600),  # of 50 Hz, written to a tenth of a second
+        (lambda t: np.floor(t + 1e-6), N - 60),
+        (lambda t: np.repeat(t[::2], 2), N - 1500),
+        (lambda t: 0 * t, N - 1),
+    ],
+    ids=["tenths of a second", "whole seconds", "each twice", "one for all"],
+)
+def test_time_stamps_that_repeat_everywhere_are_one_error_and_nothing_is_judged_by_them(stamp, repeated):
+    spoiled = _spoiled("time", stamp)
+    assert [(f.kind, f.rows) for f in check(spoiled)] == [("time_repeated", repeated)]
+    with pytest.raises(RecordingError, match=r"time does not advance in \d+ row\(s\), first in row 2;"):
+        resample(spoiled, 5.0)
 
 
 def test_a_gap_is_found_with_its_length():

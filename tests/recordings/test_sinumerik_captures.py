@@ -7,6 +7,7 @@ import pytest
 
 from pido.core.errors import RecordingError
 from pido.recordings import read_recording, recognise
+from pido.recordings.check import check
 
 SIGNALS = ["CYCLE", "CURRENT|2", "ENC_POS|1", "CURRENT|1", "ENC_POS|2", "CURRENT|6", "ENC_POS|6", "LOAD|1", "CURRENT|4"]
 AXES = {"1": "X1", "2": "Y1", "6": "SP1", "4": "C1"}
@@ -108,6 +109,12 @@ def test_a_row_with_too_few_numbers_is_named_by_its_count(tmp_path):
     bad = {"HFData": [_row(100), _row(101)[:-1]]}
     with pytest.raises(RecordingError, match="CYCLE 1101"):
         read_recording(_write(tmp_path / "c.json", [*MESSAGES, bad]))
+
+
+def test_a_capture_that_counts_each_cycle_twice_has_time_that_stands_still(tmp_path):
+    twice = [_row(k // 2)[:1] + _row(k)[1:] for k in range(200)]
+    faults = check(read_recording(_write(tmp_path / "c.json", [{"HFData": twice}])))
+    assert [(f.rows, f.severity) for f in faults if f.kind == "time_repeated"] == [(100, "error")]
 
 
 @pytest.mark.real
