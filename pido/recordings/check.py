@@ -20,6 +20,7 @@ from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION,
 from pido.core.machining import Machine
 from pido.core.recording import Recording, usual_step
 from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
+from pido.recordings.reader import UNKNOWN
 from pido.recordings.segments import GAP, counter_resets, starts, stretches, unwrap_deg
 from pido.recordings.units import unit_slips
 
@@ -87,8 +88,8 @@ def _columns(recording: Recording) -> list[Fault]:
                 whole("unknown_column", name, "the contract has no such column.", f"{hint}Rename or drop it.", ERROR)
             )
     for note in recording.notes:  # columns that are not numbers do not reach the recording
-        if note.startswith("columns that the contract does not know: "):
-            for name in note.partition(": ")[2].split(", "):
+        if note.startswith(UNKNOWN):
+            for name in note.removeprefix(UNKNOWN).split(", "):
                 if name not in recording.columns:
                     faults.append(
                         whole("unknown_column", name, "the contract has no such column.", "Rename or drop it.", ERROR)

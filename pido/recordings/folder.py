@@ -17,11 +17,11 @@ import pyarrow.parquet as pq
 from pydantic import ValidationError
 
 from pido.core.arrays import Array1D
-from pido.core.columns import ALIASES, UNITS
+from pido.core.columns import UNITS
 from pido.core.errors import RecordingError, SettingsError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.recordings.reader import Reader, head
+from pido.recordings.reader import UNKNOWN, Reader, contract_names, head
 
 DATA, ABOUT = "recording.parquet", "part.json"
 
@@ -44,7 +44,7 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
     else:
         part = PartInfo(part=data.stem, machine=machine or "unknown")
     columns, unknown = read_columns(data)
-    notes = (f"columns that the contract does not know: {', '.join(unknown)}",) if unknown else ()
+    notes = (f"{UNKNOWN}{', '.join(unknown)}",) if unknown else ()
     return Recording(part=part, columns=columns, notes=notes)
 
 
@@ -71,11 +71,7 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
         ) from None
     if table.num_rows == 0:
         raise RecordingError(f"{path}: holds no samples. Export the recording again.")
-    # A force that was measured stands beside its simulation under its own name.
-    own = {str(name) for name in table.column_names}
-    names = [name if (alias := ALIASES.get(name, name)) in own else alias for name in map(str, table.column_names)]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise RecordingError(f"{path}: column(s) {', '.join(twice)} stand in it twice. Export the recording again.")
+    names = contract_names([str(name) for name in table.column_names], path)
     columns: dict[str, Array1D] = {}
     unknown = [name for name in names if name not in UNITS and not name.startswith("__index")]
     for name, field in zip(names, table.schema, strict=True):
