@@ -35,6 +35,9 @@ def _recognises(path: Path) -> bool:
 def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
     data = path / DATA if path.is_dir() else path
     about = data.with_name(ABOUT)
+    for file in (data, about):
+        if file.exists() and not file.is_file():
+            raise RecordingError(f"{file}: is no file, but a folder or device. Put the file of this name in its place.")
     if not data.exists():
         raise RecordingError(f"{path}: has {ABOUT} but no {DATA}. Copy the whole folder.")
     if about.exists():
@@ -66,6 +69,8 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
     try:
         table = pq.read_table(path)
     except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # the disk's, not the file's
         raise RecordingError(
             f"{path}: damaged or cut off, not readable as Parquet: {str(error).splitlines()[0]} Copy it again."
         ) from None

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from pido.core.columns import ALIASES
-from pido.core.errors import RecordingError
+from pido.core.errors import RecordingError, UnavailableError
+from pido.core.files import refusal
 from pido.core.recording import Recording
 
 UNKNOWN = "columns that the contract does not know: "
@@ -29,6 +31,15 @@ class Reader:
     layout: str
     recognises: Callable[[Path], bool]
     read: Callable[[Path, str | None, Mapping[str, str]], Recording]
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """What the operating system refuses while a recording is read is UnavailableError, no fault of the recording."""
+    try:
+        yield
+    except OSError as error:
+        raise UnavailableError(f"cannot be read now. {refusal(error, path)}") from None
 
 
 def head(path: Path, size: int = 4096) -> bytes:
