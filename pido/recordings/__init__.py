@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pido.core.errors import RecordingError
+from pido.core.names import unusable
 from pido.core.recording import Recording
 from pido.recordings import emps, folder, hfdata, published, sinumerik, smart_mill
 from pido.recordings.derive import with_motion
@@ -87,5 +88,8 @@ def read_recording(
     path = Path(path)
     with reading(path):
         recording = recognise(path).read(path, machine, channels or {})
+    for what, name in (("part", recording.part.part), ("machine", recording.part.machine)):
+        if fault := unusable(name):
+            raise RecordingError(f"{path}: the name of its {what} {fault}. Give it another one.")
     recording = with_motion(recording)
     return recording if rate_hz is None else resample(recording, rate_hz)

@@ -7,8 +7,10 @@ are numbers and named in a note (`check` refuses them for the store).
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import orjson
@@ -19,7 +21,7 @@ from pydantic import ValidationError
 from pido.core.arrays import Array1D
 from pido.core.columns import UNITS
 from pido.core.errors import RecordingError, SettingsError
-from pido.core.part import PartInfo
+from pido.core.part import GIVEN, PartInfo
 from pido.core.recording import Recording
 from pido.recordings.reader import UNKNOWN, Reader, contract_names, head
 
@@ -53,15 +55,36 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
 
 def read_part(path: Path) -> PartInfo:
     """`part.json`. Raises SettingsError with every fault and its place."""
+    text = path.read_bytes()
     try:
-        return PartInfo.model_validate(orjson.loads(path.read_bytes()))
+        orjson.loads(text)  # says line and column, and refuses what is no number
+        return PartInfo.model_validate(json.loads(text, object_pairs_hook=_once), context=GIVEN)
+    except _Twice as key:
+        raise SettingsError(f"{path}: the key '{key}' stands in it twice. Keep the one that is right.") from None
+    except RecursionError:
+        raise SettingsError(f"{path}: nested too deeply. Write it again.") from None
     except orjson.JSONDecodeError as error:
         raise SettingsError(f"{path}: not JSON: {error}. Correct it or write it again.") from None
     except ValidationError as error:
-        faults = "\n".join(f"  {'.'.join(map(str, e['loc'])) or '(top)'}: {e['msg']}" for e in error.errors())
+        faults = "\n".join(
+            f"  {'.'.join(map(str, e['loc'])) or '(top)'}: {e['msg'].removeprefix('Value error, ')}"
+            for e in error.errors()
+        )
         raise SettingsError(
             f"{path}: {error.error_count()} fault(s); the known keys are {', '.join(PartInfo.model_fields)}:\n{faults}"
         ) from None
+
+
+class _Twice(Exception):
+    """A key that comes twice in one object."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise _Twice(next(name for name in names if names.count(name) > 1))
+    return content
 
 
 def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
@@ -93,6 +116,11 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
         try:
             columns[name] = np.array(values.cast(pa.float64()).to_numpy(), dtype=float)
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            if pa.types.is_integer(field.type):
+                raise RecordingError(
+                    f"{path}: column '{name}' holds whole numbers beyond 2^53, which lose digits as float64. Count it "
+                    "from its first value, or in a coarser unit."
+                ) from None
             raise RecordingError(f"{path}: column '{name}' is {field.type}; it must be numbers.") from None
     return columns, unknown
 

@@ -146,6 +146,58 @@ def test_a_gap_is_found_with_its_length():
     assert "4.02 s" in faults[0].what
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_missing_time_is_named_by_its_row(value):
+    (fault,) = check(_spoiled("time", lambda t: t + value, slice(100, 101)))
+    assert (fault.kind, fault.rows) == ("time_missing", 1)
+    assert "first in row 101" in fault.what
+    assert fault.t_start == pytest.approx(100 / RATE, abs=1.01 / RATE)
+
+
+@pytest.mark.parametrize(("start", "kinds"), [(1.7e9, ["clock_time"]), (-1.7e9, ["clock_time"]), (600.0, [])])
+def test_time_of_a_clock_is_no_time_from_the_first_sample_and_that_of_a_piece_is(start, kinds):
+    assert [f.kind for f in check(_spoiled("time", lambda t: t + start)) if f.severity == "error"] == kinds
+
+
+@pytest.mark.parametrize("missing", [1, 5])
+def test_a_missing_speed_of_the_spindle_is_no_counter_reset(missing):
+    rows = slice(700, 700 + missing)
+    good = _spoiled("v_sp", lambda v: v * np.nan, rows)
+    assert [(f.kind, f.column, f.rows) for f in check(good)] == [("missing_value", "v_sp", missing)]
+    assert not usable_mask(good, check(good))[rows].any()
+    assert usable_mask(good, check(good)).sum() == N - missing
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "severity"),
+    [
+        ("coolant", np.full(N, 5.0), "error"),
+        ("coolant", np.r_[2.0, np.ones(N - 1)], "warning"),
+        ("nc_line", np.full(N, np.inf), "error"),
+        ("nc_line", np.r_[-np.inf, np.ones(N - 1)], "warning"),
+        ("mrr_sim", np.r_[np.zeros(N - 400), np.full(400, -7.0)], "error"),
+        ("mrr_sim", np.r_[np.full(N - 4, 30.0), np.full(4, -7.0)], "warning"),
+    ],
+)
+def test_values_that_a_column_cannot_have_are_said_and_left_out(column, values, severity):
+    recording = _good().with_columns(**{column: values})
+    faults = [f for f in check(recording) if f.kind == "outside_contract"]
+    assert [(f.column, f.severity) for f in faults] == [(column, severity)]
+    assert not usable_mask(recording, tuple(faults))[faults[0].mask].any()
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("coolant", np.r_[np.nan, 0.0, np.ones(N - 2)]),
+        ("nc_line", np.r_[np.nan, np.arange(N - 1.0)]),
+        ("mrr_sim", np.r_[-1e-9, np.full(N - 1, 30.0)]),
+    ],
+)
+def test_values_that_a_column_may_have_are_no_fault(column, values):
+    assert check(_good().with_columns(**{column: values})) == ()
+
+
 def test_rows_in_shuffled_packets_are_an_error():
     good = _good()
     order = np.random.default_rng(3).permutation(N // 10)
