@@ -176,7 +176,7 @@ def _outside_the_contract(recording: Recording, machine: Machine | None) -> list
         (
             "mrr_sim",
             lambda v: v < -1e-6 * np.nanmax(np.abs(v), initial=0.0),
-            "What is removed is not less than nothing.",
+            "Simulate again: no removal is below 0.",
         ),
     )
     faults = []
