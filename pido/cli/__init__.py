@@ -15,6 +15,7 @@ import click
 
 from pido import __version__
 from pido.core.errors import PidoError
+from pido.core.files import refusal
 
 VERBS = {
     "ingest": "read recordings, check them, and keep them in the store",
@@ -85,11 +86,15 @@ def pido() -> None:
 
 
 def main() -> None:
-    """Entry point: a deliberate error, or an extra that is not installed, is one message on stderr and exit code 1."""
+    """Entry point: a deliberate error, one of the operating system, or an extra that is not installed, is one message
+    on stderr and exit code 1."""
     try:
         pido(prog_name="pido")
     except PidoError as error:
         click.echo(f"pido: {error}", err=True)
+        sys.exit(1)
+    except OSError as error:
+        click.echo(f"pido: {refusal(error)}", err=True)
         sys.exit(1)
     except ModuleNotFoundError as error:
         library = (error.name or "").partition(".")[0]

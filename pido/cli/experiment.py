@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input
+from pido.cli.inputs import Input, Output
 
 NAMES = (
     "importance", "weighting", "shares", "local-vs-global", "ablation", "rivals", "extended-equation", "concealed",
@@ -40,7 +40,7 @@ PROOFS = ("extended-equation", "concealed", "real-mismatch")
 )  # fmt: skip
 @click.option("--delivered", is_flag=True, help="of ablation: PiDO as delivered and its null alone, not as printed")
 @click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("experiments"), show_default=True,
+    "--out", type=Output(file_okay=False), default=Path("experiments"), show_default=True,
     help="folder for results and report",
 )  # fmt: skip
 @click.option("--resume/--fresh", default=True, show_default=True, help="use what the folder holds already")

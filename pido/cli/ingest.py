@@ -10,7 +10,7 @@ from pido.cli.inputs import Input
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path, readable=False))
 @click.option("--store", "root", required=True, type=click.Path(path_type=Path, file_okay=False), help="the store")
 @click.option("--machine", help="machine of recordings that do not name theirs; its ranges bound what is possible")
 @click.option("--settings", type=Input(dir_okay=False), help="TOML with own machines")

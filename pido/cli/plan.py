@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input
+from pido.cli.inputs import Input, Output
 from pido.cli.places import workspace_option
 
 SHOWN = 12
@@ -16,7 +16,7 @@ SHOWN = 12
 @click.argument("program", type=Input(dir_okay=False))
 @click.option("--job", "job_file", required=True, type=Input(dir_okay=False), help="machine, material, tools, raw part")
 @workspace_option
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="folder for plan.json and report.html")
+@click.option("--out", type=Output(file_okay=False), help="folder for plan.json and report.html")
 @click.option("--seed", default=0, show_default=True, help="of the draws")
 @click.option("--json", "as_json", is_flag=True, help="print every bin as JSON")
 def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed: int, as_json: bool) -> None:
@@ -36,6 +36,7 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
     from pido.cli.simulate import summary
     from pido.config import load_job
     from pido.core.errors import StoreError
+    from pido.core.files import write_atomically
     from pido.iteration import balance, refit
     from pido.parts import recipe_of
     from pido.process.samples import to_samples
@@ -66,8 +67,7 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
     rows = plan_rows(report, grid, np.array([seen.get(int(b), 0) for b in report.bins]))
     figures = {"part": program.stem, "machine": job.machine.id, **plan_figures(rows)}
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "plan.json").write_text(json.dumps({**figures, "bins": rows}, indent=1), encoding="utf-8")
+        write_atomically(out / "plan.json", json.dumps({**figures, "bins": rows}, indent=1))
         write_page(plan_page(program.stem, rows, report.summary(), summary(recording)), out / "report.html")
         click.echo(f"report: {out / 'report.html'}", err=True)
     if as_json:

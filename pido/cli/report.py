@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input
+from pido.cli.inputs import Input, Output
 from pido.cli.places import existing, machine_option, one_machine, workspace_option
 
-out_option = click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="HTML file")
+out_option = click.option("--out", required=True, type=Output(dir_okay=False), help="HTML file")
 
 
 @click.group()

@@ -1,8 +1,31 @@
-"""`part.json`: what a plant knows about a part. Only `part` and `machine` are required; nothing is guessed."""
+"""`part.json`: what a plant knows about a part. Only `part` and `machine` are required; nothing is guessed.
+
+Some rules hold only for what is given now (`GIVEN`): what a store took before there were such rules stays readable.
+"""
 
 from __future__ import annotations
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from typing import Any
+
+from pydantic import (
+    AliasChoices,
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    PositiveFloat,
+    PositiveInt,
+    ValidationInfo,
+    field_validator,
+)
+
+from pido.core.axes import LINEAR_AXES
+from pido.core.names import unusable
+
+GIVEN = {"given": True}
+"""The validation context of a part.json that arrives."""
+LAST = 2**63 - 1
+"""The largest production order: an index keeps it as a whole number of 64 bits."""
 
 
 class _Strict(BaseModel):
@@ -40,6 +63,13 @@ class Operation(_Strict):
     a_e: float | None = Field(default=None, description="radial depth of cut, mm")
     coolant: bool | int | None = None
 
+    @field_validator("coolant")
+    @classmethod
+    def _on_or_off(cls, coolant: bool | int | None, info: ValidationInfo) -> bool | int | None:
+        if info.context == GIVEN and coolant not in (None, 0, 1):
+            raise ValueError("must be 0 (off) or 1 (on)")
+        return coolant
+
 
 class Workpiece(_Strict):
     center_xy_mm: tuple[float, float] | None = Field(default=None, description="in machine coordinates, mm")
@@ -49,6 +79,13 @@ class Workpiece(_Strict):
         default=None, description="size of the blank along x, y and z of the machine, mm"
     )
 
+    @field_validator("size_xy_mm", "blank_mm")
+    @classmethod
+    def _sizes(cls, sizes: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
+        if info.context == GIVEN and sizes is not None and min(sizes) <= 0:
+            raise ValueError("sizes must be greater than 0")
+        return sizes
+
 
 class PartInfo(_Strict):
     """The content of `part.json`; unknown keys are refused by name."""
@@ -57,6 +94,7 @@ class PartInfo(_Strict):
     machine: str = Field(min_length=1, description="identifier of the machine")
     order: PositiveInt | None = Field(
         default=None,
+        le=LAST,
         validation_alias=AliasChoices("order", "production_order"),
         description="position in the machine's production sequence, from 1",
     )
@@ -71,3 +109,24 @@ class PartInfo(_Strict):
     ball_screw_lead_mm: dict[str, PositiveFloat] = Field(default_factory=dict, description="per axis, mm")
     vertical_axis: str | None = Field(default=None, pattern="^[xyz]$")
     workpiece: Workpiece | None = None
+
+    @field_validator("part", "machine")
+    @classmethod
+    def _name(cls, name: str, info: ValidationInfo) -> str:
+        if info.context == GIVEN and (fault := unusable(name)):
+            raise ValueError(f"the name {fault}")
+        return name
+
+    @field_validator("order", mode="before")
+    @classmethod
+    def _a_number(cls, order: Any, info: ValidationInfo) -> Any:
+        if info.context == GIVEN and isinstance(order, bool | str):
+            raise ValueError("must be a whole number, without quotes")
+        return order
+
+    @field_validator("ball_screw_lead_mm")
+    @classmethod
+    def _axes(cls, leads: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        if info.context == GIVEN and (odd := [axis for axis in leads if axis not in LINEAR_AXES]):
+            raise ValueError(f"{', '.join(map(repr, odd))} is no axis with a screw: {', '.join(LINEAR_AXES)}")
+        return leads

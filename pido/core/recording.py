@@ -14,6 +14,13 @@ from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 
 
+def usual_step(time: Float1D) -> float:
+    """Median of the steps forward, s; 0 where time nowhere advances."""
+    step = np.diff(time)
+    forward = step[step > 0]
+    return float(np.median(forward)) if len(forward) else 0.0
+
+
 @dataclass(frozen=True)
 class Recording:
     """Samples of one part. Numeric columns are float64 (n,); a missing value is NaN and stays NaN.
@@ -55,10 +62,13 @@ class Recording:
 
     @property
     def sample_rate_hz(self) -> float:
-        """Samples per second: the reciprocal of the median step."""
-        if len(self) < 2:
-            raise RecordingError(f"part {self.part.part}: {len(self)} sample(s); a rate needs at least two.")
-        return float(1.0 / np.median(np.diff(self.time)))
+        """Samples per second: the reciprocal of the usual step. Raises RecordingError where no time goes by."""
+        if (step := usual_step(self.time)) == 0:
+            raise RecordingError(
+                f"part {self.part.part}: no time goes by in its {len(self)} sample(s); a rate needs at least two. "
+                "Export the recording again with its time in s."
+            )
+        return 1.0 / step
 
     def with_columns(self, **columns: Array1D) -> Recording:
         """The same recording with columns added or replaced."""

@@ -10,10 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pido.core.errors import RecordingError
+from pido.core.names import unusable
 from pido.core.recording import Recording
 from pido.recordings import emps, folder, hfdata, published, sinumerik, smart_mill
 from pido.recordings.derive import with_motion
-from pido.recordings.reader import Reader, head
+from pido.recordings.reader import Reader, head, reading
 from pido.recordings.resample import resample
 
 READERS: tuple[Reader, ...] = (
@@ -27,14 +28,24 @@ READERS: tuple[Reader, ...] = (
 
 
 def recognise(path: Path) -> Reader:
-    """The reader of this file or folder. Raises RecordingError where there is nothing, or nothing known."""
+    """The reader of this file or folder.
+
+    Raises RecordingError where there is nothing, or nothing known; UnavailableError where it may not be read.
+    """
     path = Path(path)
+    with reading(path):
+        return _recognised(path)
+
+
+def _recognised(path: Path) -> Reader:
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
     if path.is_dir() and not any(path.iterdir()):
         raise RecordingError(f"{path}: the folder is empty. Put recording.parquet and part.json into it.")
-    if path.is_file() and path.stat().st_size == 0:
-        raise RecordingError(f"{path}: the file is empty. Export the recording again.")
+    if path.is_file():
+        if path.stat().st_size == 0:
+            raise RecordingError(f"{path}: the file is empty. Export the recording again.")
+        path.open("rb").close()  # readers that cannot open it would say that it is not theirs
     for reader in READERS:
         if reader.recognises(path):
             return reader
@@ -71,7 +82,14 @@ def read_recording(
     rate_hz : resample to this lower rate (anti-aliased); None keeps every sample
 
     Velocities and accelerations that were not recorded are derived (`derive.with_motion`), and a note says so.
-    Raises RecordingError (unreadable, incomplete) or SettingsError (part.json).
+    Raises RecordingError (damaged, incomplete), SettingsError (part.json), or UnavailableError: what the operating
+    system refuses to read is no fault of the recording.
     """
-    recording = with_motion(recognise(path).read(Path(path), machine, channels or {}))
+    path = Path(path)
+    with reading(path):
+        recording = recognise(path).read(path, machine, channels or {})
+    for what, name in (("part", recording.part.part), ("machine", recording.part.machine)):
+        if fault := unusable(name):
+            raise RecordingError(f"{path}: the name of its {what} {fault}. Give it another one.")
+    recording = with_motion(recording)
     return recording if rate_hz is None else resample(recording, rate_hz)

@@ -18,8 +18,9 @@ from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION, TIME, UNITS, VELOCITY
 from pido.core.machining import Machine
-from pido.core.recording import Recording
+from pido.core.recording import Recording, usual_step
 from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
+from pido.recordings.reader import UNKNOWN
 from pido.recordings.segments import GAP, counter_resets, starts, stretches, unwrap_deg
 from pido.recordings.units import unit_slips
 
@@ -27,6 +28,8 @@ Check = Callable[[Recording, Machine | None], list[Fault]]
 
 SHORTEST = 50
 """Samples below which nothing can be learned: one second at 50 Hz."""
+LATEST_START_S = 86_400.0
+"""A piece cut out of a recording may keep its time; none is longer than a day."""
 V_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 5_000.0), "sp": 600_000.0}  # mm/s; deg/s (100 000 rpm): of any mill
 A_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 100_000.0), "sp": 1_000_000.0}  # mm/s² (10 g); deg/s²: of any mill
 
@@ -39,7 +42,7 @@ def check(recording: Recording, machine: Machine | None = None, *, air_cut: bool
     """
     structural = [*_columns(recording), *_length(recording), *_time(recording)]
     faults = [*structural]
-    if len(recording) >= 3 and not any(f.kind in {"time_missing", "time_backward"} for f in structural):
+    if _has_time_base(recording.time):
         for one in CHECKS:
             faults.extend(one(recording, machine))
         if not air_cut:
@@ -87,8 +90,8 @@ def _columns(recording: Recording) -> list[Fault]:
                 whole("unknown_column", name, "the contract has no such column.", f"{hint}Rename or drop it.", ERROR)
             )
     for note in recording.notes:  # columns that are not numbers do not reach the recording
-        if note.startswith("columns that the contract does not know: "):
-            for name in note.partition(": ")[2].split(", "):
+        if note.startswith(UNKNOWN):
+            for name in note.removeprefix(UNKNOWN).split(", "):
                 if name not in recording.columns:
                     faults.append(
                         whole("unknown_column", name, "the contract has no such column.", "Rename or drop it.", ERROR)
@@ -107,11 +110,17 @@ def _length(recording: Recording) -> list[Fault]:
 def _time(recording: Recording) -> list[Fault]:
     time = recording.time
     faults = []
-    if not np.isfinite(time).all():
-        bad = ~np.isfinite(time)
-        what = "time is missing."
-        faults.append(at("time_missing", TIME, bad, np.nan_to_num(time), what, "Cut these rows out.", ERROR, mask=True))
+    known = np.isfinite(time)
+    if not known.all():
+        row = np.arange(len(time))
+        about = np.interp(row, row[known], time[known]) if known.any() else np.zeros(len(time))
+        what = f"time is missing, first in row {int(np.argmin(known)) + 1}."
+        faults.append(at("time_missing", TIME, ~known, about, what, "Cut these rows out.", ERROR, mask=True))
         return faults
+    if len(time) and abs(time[0]) > LATEST_START_S:
+        what = f"time begins at {time[0]:.10g} s; it counts from the recording's first sample, and is no clock's."
+        advice = "Take the first value off (from the t of tool_changes too), and give it as start_time_s in part.json."
+        faults.append(whole("clock_time", TIME, what, advice, ERROR))
     step = np.diff(time)
     back = np.r_[False, step < 0]
     same = np.r_[False, step == 0]
@@ -121,14 +130,23 @@ def _time(recording: Recording) -> list[Fault]:
         faults.append(at("time_backward", TIME, back, time, what, advice, ERROR, mask=True))
     if same.any():
         faults.append(at("time_repeated", TIME, same, time, "time stands still.", advice, ERROR, mask=True))
-    if (step > 0).any():
-        typical = float(np.median(step[step > 0]))
-        gap = np.r_[False, step > GAP * typical]
-        if gap.any():
-            what = f"{int(gap.sum())} gap(s), the longest {step.max():.2f} s at a usual step of {typical:.4g} s."
-            advice = "Nothing is filled in or derived across; if the missing samples exist, export them."
-            faults.append(at("gap", TIME, gap, time, what, advice, WARNING, mask=False))
+    typical = usual_step(time)
+    gap = np.r_[False, step > GAP * typical]
+    if gap.any():
+        what = f"{int(gap.sum())} gap(s), the longest {step.max():.2f} s at a usual step of {typical:.4g} s."
+        advice = "Nothing is filled in or derived across; if the missing samples exist, export them."
+        faults.append(at("gap", TIME, gap, time, what, advice, WARNING, mask=False))
     return faults
+
+
+def _has_time_base(time: Float1D) -> bool:
+    """Whether anything along time can be judged: it never goes backward, and stands still in a row or two at most.
+
+    Stamps that were rounded to more than a step repeat everywhere, and what lies between them is not known.
+    """
+    step = np.diff(time)
+    forward = len(time) >= 3 and bool(np.isfinite(time).all() and (step >= 0).all())
+    return forward and float(np.mean(step == 0)) <= 0.01
 
 
 def _missing_values(recording: Recording, machine: Machine | None) -> list[Fault]:
@@ -143,6 +161,31 @@ def _missing_values(recording: Recording, machine: Machine | None) -> list[Fault
             advice = "Missing samples are never filled in: " + ("export it again." if most else "they are left out.")
             severity = ERROR if most else WARNING
             faults.append(at("missing_value", name, bad, recording.time, what, advice, severity, mask=True))
+    return faults
+
+
+def _outside_the_contract(recording: Recording, machine: Machine | None) -> list[Fault]:
+    """Values that a column cannot have by what it means; rounding below zero is none."""
+    rules: tuple[tuple[str, Callable[[Float1D], Bool1D], str], ...] = (
+        (
+            "coolant",
+            lambda v: ~np.isin(v, (0.0, 1.0)) & ~np.isnan(v),
+            "Write 1 where coolant is on, 0 where it is off.",
+        ),
+        ("nc_line", np.isinf, "Write the index of the NC block, or leave the cell empty."),
+        (
+            "mrr_sim",
+            lambda v: v < -1e-6 * np.nanmax(np.abs(v), initial=0.0),
+            "Simulate again: no removal is below 0.",
+        ),
+    )
+    faults = []
+    for name, odd, advice in rules:
+        if name not in recording or recording[name].dtype == object or not (bad := odd(recording[name])).any():
+            continue
+        severity = ERROR if bad.sum() > 0.5 * np.count_nonzero(np.nan_to_num(recording[name])) else WARNING
+        what = f"'{name}' is {recording[name][bad][0]:g}, which it cannot be."
+        faults.append(at("outside_contract", name, bad, recording.time, what, advice, severity, mask=True))
     return faults
 
 
@@ -234,8 +277,7 @@ def _impossible(recording: Recording, machine: Machine | None) -> list[Fault]:
         around = spikes.copy()
         if VELOCITY[axis] in recording:
             v = recording[VELOCITY[axis]]
-            beyond = np.abs(v) > v_max
-            bad = beyond | spikes
+            bad = (np.abs(v) > v_max) & np.isfinite(v) | spikes
             around = np.asarray(
                 binary_dilation(bad, iterations=2), dtype=bool
             )  # a was differenced from v, v from the position
@@ -253,10 +295,11 @@ def _impossible(recording: Recording, machine: Machine | None) -> list[Fault]:
                 faults.append(at(kind, VELOCITY[axis], bad, recording.time, what, advice, WARNING, mask=True))
         if ACCELERATION[axis] in recording:
             a = np.abs(recording[ACCELERATION[axis]])
-            beyond = (a > A_POSSIBLE[axis]) | around
+            beyond = (a > A_POSSIBLE[axis]) & np.isfinite(a) | around
             if beyond.any() and beyond.mean() <= 0.2:
                 kind = "counter_reset" if axis == "sp" and around.any() else "impossible_acceleration"
-                what = f"{ACCELERATION[axis]} of up to {np.nanmax(a[beyond]):.3g} {UNITS[ACCELERATION[axis]]}."
+                worst = float(np.nanmax(a[beyond], initial=0.0))
+                what = f"{ACCELERATION[axis]} of up to {worst:.3g} {UNITS[ACCELERATION[axis]]}."
                 advice = "No axis of a mill accelerates like that: these samples are left out."
                 faults.append(at(kind, ACCELERATION[axis], beyond, recording.time, what, advice, WARNING, mask=True))
     position = POSITION["sp"]
@@ -273,18 +316,19 @@ def _impossible(recording: Recording, machine: Machine | None) -> list[Fault]:
 def _spikes(recording: Recording, axis: str) -> Bool1D:
     """(n,) – speed that leaves its running median of half a second and comes back: no spindle does.
 
-    The median follows every ramp, so running up and down is not mistaken for a spike.
+    The median follows every ramp, so running up and down is not mistaken for a spike; nor is a missing sample one.
     """
-    if VELOCITY[axis] not in recording:
+    if VELOCITY[axis] not in recording or not (known := np.isfinite(recording[VELOCITY[axis]])).any():
         return np.zeros(len(recording), bool)
-    v = np.nan_to_num(recording[VELOCITY[axis]])
+    row = np.arange(len(known))
+    v = np.interp(row, row[known], recording[VELOCITY[axis]][known])
     width = int(0.5 * recording.sample_rate_hz) | 1
     limit = max(0.5 * float(np.quantile(np.abs(v), 0.99)), 360.0)
     spikes = np.zeros(len(v), bool)
     for s in stretches(starts(recording.time)):
         if s.stop - s.start > 2 * width >= 10:
             spikes[s] = np.abs(v[s] - median_filter(v[s], width, mode="nearest")) > limit
-    return spikes
+    return spikes & known
 
 
 def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
@@ -380,6 +424,7 @@ def _engagement(recording: Recording) -> list[Fault]:
 
 CHECKS: tuple[Check, ...] = (
     _missing_values,
+    _outside_the_contract,
     _constant,
     unit_slips,
     _impossible,

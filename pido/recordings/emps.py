@@ -31,6 +31,8 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
         names = {name for name, _, _ in whosmat(path)}
         content = loadmat(path, variable_names=_NEEDED)
     except _UNREADABLE as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # the disk's, not the file's
         raise RecordingError(f"{path}: cannot be read as a MATLAB file: {error}. Copy it again.") from None
     if missing := [name for name in _NEEDED if name not in names]:
         raise RecordingError(f"{path}: {', '.join(missing)} missing; an EMPS recording has {', '.join(_NEEDED)}.")

@@ -7,8 +7,10 @@ are numbers and named in a note (`check` refuses them for the store).
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import orjson
@@ -17,12 +19,12 @@ import pyarrow.parquet as pq
 from pydantic import ValidationError
 
 from pido.core.arrays import Array1D
-from pido.core.columns import ALIASES, UNITS
+from pido.core.columns import UNITS
 from pido.core.errors import RecordingError, SettingsError
 from pido.core.files import replacing, write_atomically
-from pido.core.part import PartInfo
+from pido.core.part import GIVEN, PartInfo
 from pido.core.recording import Recording
-from pido.recordings.reader import Reader, head
+from pido.recordings.reader import UNKNOWN, Reader, contract_names, head
 
 DATA, ABOUT = "recording.parquet", "part.json"
 
@@ -36,6 +38,9 @@ def _recognises(path: Path) -> bool:
 def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
     data = path / DATA if path.is_dir() else path
     about = data.with_name(ABOUT)
+    for file in (data, about):
+        if file.exists() and not file.is_file():
+            raise RecordingError(f"{file}: is no file, but a folder or device. Put the file of this name in its place.")
     if not data.exists():
         raise RecordingError(f"{path}: has {ABOUT} but no {DATA}. Copy the whole folder.")
     if about.exists():
@@ -45,21 +50,42 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
     else:
         part = PartInfo(part=data.stem, machine=machine or "unknown")
     columns, unknown = read_columns(data)
-    notes = (f"columns that the contract does not know: {', '.join(unknown)}",) if unknown else ()
+    notes = (f"{UNKNOWN}{', '.join(unknown)}",) if unknown else ()
     return Recording(part=part, columns=columns, notes=notes)
 
 
 def read_part(path: Path) -> PartInfo:
     """`part.json`. Raises SettingsError with every fault and its place."""
+    text = path.read_bytes()
     try:
-        return PartInfo.model_validate(orjson.loads(path.read_bytes()))
+        orjson.loads(text)  # says line and column, and refuses what is no number
+        return PartInfo.model_validate(json.loads(text, object_pairs_hook=_once), context=GIVEN)
+    except _Twice as key:
+        raise SettingsError(f"{path}: the key '{key}' stands in it twice. Keep the one that is right.") from None
+    except RecursionError:
+        raise SettingsError(f"{path}: nested too deeply. Write it again.") from None
     except orjson.JSONDecodeError as error:
         raise SettingsError(f"{path}: not JSON: {error}. Correct it or write it again.") from None
     except ValidationError as error:
-        faults = "\n".join(f"  {'.'.join(map(str, e['loc'])) or '(top)'}: {e['msg']}" for e in error.errors())
+        faults = "\n".join(
+            f"  {'.'.join(map(str, e['loc'])) or '(top)'}: {e['msg'].removeprefix('Value error, ')}"
+            for e in error.errors()
+        )
         raise SettingsError(
             f"{path}: {error.error_count()} fault(s); the known keys are {', '.join(PartInfo.model_fields)}:\n{faults}"
         ) from None
+
+
+class _Twice(Exception):
+    """A key that comes twice in one object."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise _Twice(next(name for name in names if names.count(name) > 1))
+    return content
 
 
 def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
@@ -67,16 +93,14 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
     try:
         table = pq.read_table(path)
     except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # the disk's, not the file's
         raise RecordingError(
             f"{path}: damaged or cut off, not readable as Parquet: {str(error).splitlines()[0]} Copy it again."
         ) from None
     if table.num_rows == 0:
         raise RecordingError(f"{path}: holds no samples. Export the recording again.")
-    # A force that was measured stands beside its simulation under its own name.
-    own = {str(name) for name in table.column_names}
-    names = [name if (alias := ALIASES.get(name, name)) in own else alias for name in map(str, table.column_names)]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise RecordingError(f"{path}: column(s) {', '.join(twice)} stand in it twice. Export the recording again.")
+    names = contract_names([str(name) for name in table.column_names], path)
     columns: dict[str, Array1D] = {}
     unknown = [name for name in names if name not in UNITS and not name.startswith("__index")]
     for name, field in zip(names, table.schema, strict=True):
@@ -93,6 +117,11 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
         try:
             columns[name] = np.array(values.cast(pa.float64()).to_numpy(), dtype=float)
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            if pa.types.is_integer(field.type):
+                raise RecordingError(
+                    f"{path}: column '{name}' holds whole numbers beyond 2^53, which lose digits as float64. Count it "
+                    "from its first value, or in a coarser unit."
+                ) from None
             raise RecordingError(f"{path}: column '{name}' is {field.type}; it must be numbers.") from None
     return columns, unknown
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import csv
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from pido.core.columns import ALIASES
+from pido.core.errors import RecordingError, UnavailableError
+from pido.core.files import refusal
 from pido.core.recording import Recording
+
+UNKNOWN = "columns that the contract does not know: "
+"""Begins the note that lists them; `check` refuses them for the store."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +33,15 @@ class Reader:
     read: Callable[[Path, str | None, Mapping[str, str]], Recording]
 
 
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """What the operating system refuses while a recording is read is UnavailableError, no fault of the recording."""
+    try:
+        yield
+    except OSError as error:
+        raise UnavailableError(f"cannot be read now. {refusal(error, path)}") from None
+
+
 def head(path: Path, size: int = 4096) -> bytes:
     """The first bytes of a file; nothing for a folder or a file that cannot be opened."""
     try:
@@ -36,5 +53,17 @@ def head(path: Path, size: int = 4096) -> bytes:
 
 def csv_header(path: Path) -> list[str]:
     """Column names in the first line of a CSV file."""
-    line = head(path, 65536).split(b"\n", 1)[0].decode("utf-8-sig", "replace").rstrip("\r")
-    return [name.strip().strip('"') for name in line.split(",")]
+    lines = head(path, 65536).splitlines() or [b""]
+    return [name.strip() for name in next(csv.reader([lines[0].decode("utf-8-sig", "replace")]), [])]
+
+
+def contract_names(names: Sequence[str], path: Path) -> list[str]:
+    """The contract's name of each column of a table, its own where the contract has none.
+
+    A published name stands for the contract's (f_x for f_x_sim) only where that one is not in the table itself: a force
+    that was measured stands beside its simulation. Raises RecordingError where a column stands in the table twice.
+    """
+    named = [name if (alias := ALIASES.get(name, name)) in names else alias for name in names]
+    if twice := sorted({name for name in named if named.count(name) > 1}):
+        raise RecordingError(f"{path}: column(s) {', '.join(twice)} stand in it twice. Export the recording again.")
+    return named

@@ -30,8 +30,15 @@ def to_50_hz(recording: Recording) -> Recording:
 def resample(recording: Recording, rate_hz: float) -> Recording:
     """The recording at `rate_hz`; returned as it is where its rate is that already, within 1 %.
 
-    Raises RecordingError for a rate above the recording's: samples that were not taken cannot be made.
+    Raises RecordingError for a rate above the recording's: samples that were not taken cannot be made; and where time
+    does not advance from each row to the next.
     """
+    step = np.diff(recording.time)
+    if len(stands := np.flatnonzero(~(step > 0))):
+        raise RecordingError(
+            f"part {recording.part.part}: time does not advance in {len(stands)} row(s), first in row {stands[0] + 2}; "
+            "between such rows nothing can be resampled. Export the recording again with every sample's own time, in s."
+        )
     source = recording.sample_rate_hz
     if abs(source - rate_hz) <= 0.01 * rate_hz:
         return recording

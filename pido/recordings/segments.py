@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
+from pido.core.recording import usual_step
 
 GAP = 2.5
 """A step of more than this many median steps is a gap: one lost sample may be interpolated over, two may not."""
@@ -25,8 +26,7 @@ def starts(time: Float1D, *more: Bool1D) -> Bool1D:
     begin[0] = True
     if len(time) > 1:
         step = np.diff(time)
-        typical = np.median(step[step > 0]) if (step > 0).any() else 0.0
-        begin[1:] = ~((step > 0) & (step <= GAP * typical))
+        begin[1:] = ~((step > 0) & (step <= GAP * usual_step(time)))
     for other in more:
         begin |= other
     return begin

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Array1D, Float1D
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT, POSITION
 from pido.core.errors import RecordingError
@@ -88,3 +88,18 @@ def hold(event_counter: list[float], values: list[float], counter: Float1D) -> F
     last = np.searchsorted(at, counter, side="right") - 1
     held = np.asarray(values, float)[order][np.maximum(last, 0)] if len(at) else np.full(len(counter), np.nan)
     return np.where(last >= 0, held, np.nan)
+
+
+def hold_names(event_counter: list[float], names: list[float | str], counter: Float1D) -> Array1D:
+    """(n,) – as `hold`: numbers where every name is one; otherwise text, None before the first event.
+
+    >>> hold_names([0.0, 2.0], ["6", 7], np.arange(3.0)).tolist()
+    [6.0, 6.0, 7.0]
+    >>> hold_names([1.0, 2.0], ["DRILL", 7], np.arange(3.0)).tolist()
+    [None, 'DRILL', '7']
+    """
+    try:
+        return hold(event_counter, [float(name) for name in names], counter)
+    except ValueError:
+        which = hold(event_counter, [float(k) for k in range(len(names))], counter)
+        return np.array([None if np.isnan(k) else str(names[int(k)]) for k in which], dtype=object)

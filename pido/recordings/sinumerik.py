@@ -24,13 +24,13 @@ import numpy as np
 import orjson
 from simdjson import Parser
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Array1D, Float1D, Float2D
 from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings.numbers import table
 from pido.recordings.reader import Reader, head
-from pido.recordings.signals import block_index, hold, wanted_signals
+from pido.recordings.signals import block_index, hold, hold_names, wanted_signals
 
 _USED = {"HFData", "HFBlockEvent", "HFTimestamp"}
 _KNOWN = _USED | {"HFCallEvent", "LFData", "ExternalData"}
@@ -55,9 +55,11 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
             except _OtherLayout:
                 pass  # valid JSON may be laid out otherwise; the parser of the whole file knows, and where it is cut
     whole = _whole(path.read_bytes().removeprefix(b"\xef\xbb\xbf"), path)
-    if not isinstance(whole, dict) or "Header" not in whole or not isinstance(whole.get("Payload"), list):
+    if not isinstance(whole, dict) or (
+        not isinstance(whole.get("Header"), dict) or not isinstance(whole.get("Payload"), list)
+    ):
         raise RecordingError(
-            f"{path}: a capture has 'Header' and a list 'Payload'; this JSON has not. Export it again."
+            f"{path}: a capture has an object 'Header' and a list 'Payload'; this JSON has not. Export it again."
         )
     return _recording(whole["Header"], lambda *_: iter(whole["Payload"]), path, machine, channels)
 
@@ -85,11 +87,13 @@ def _recording(
     events: dict[str, list[dict[str, Any]]] = {"HFBlockEvent": [], "HFTimestamp": []}
     unknown: Counter[str] = Counter()
     for message in messages(len(names), wanted):
+        if not isinstance(message, dict):
+            raise RecordingError(f"{path}: a message of the payload is {_shown(message)}, no object. Export it again.")
         for group, content in message.items():
             if group == "HFData":
-                blocks.append(_rows(content, wanted, len(names), path))
+                blocks.append(_rows(content, wanted, names, path))
             elif group in events:
-                events[group].extend(content if isinstance(content, list) else [content])
+                events[group].extend(_events(group, content, path))
             elif group not in _KNOWN:
                 unknown[group] += 1
     if not blocks:
@@ -100,11 +104,11 @@ def _recording(
     cycle_s, start_s, clock_notes = _clock(header, events["HFTimestamp"], float(table[0, 0]), path)
     data: dict[str, Any] = {"time": (table[:, 0] - table[0, 0]) * cycle_s}
     data |= {name: np.ascontiguousarray(table[:, i + 1]) for i, name in enumerate(columns)}
-    data |= _program(events["HFBlockEvent"], table[:, 0])
+    data |= _program(events["HFBlockEvent"], table[:, 0], path)
     found = [f"payload key '{key}' is not known and was left out ({n} times)" for key, n in unknown.items()]
     if repeated:
         found.append(f"{repeated} HFData rows came twice and were taken once")
-    part = PartInfo(part=path.stem, machine=machine or _machine(header), start_time_s=start_s)
+    part = PartInfo(part=path.stem, machine=machine or _machine(header, path), start_time_s=start_s)
     return Recording(part=part, columns=data, notes=(*notes, *clock_notes, *found))
 
 
@@ -125,7 +129,7 @@ def _front(file: BinaryIO) -> tuple[dict[str, Any], bytes] | None:
         header = orjson.loads(front[:key].removeprefix(b"\xef\xbb\xbf").rstrip().rstrip(b",") + b"}").get("Header")
     except orjson.JSONDecodeError:
         return None
-    return None if header is None else (header, front[bracket + 1 :])
+    return (header, front[bracket + 1 :]) if isinstance(header, dict) else None
 
 
 def _whole(data: bytes, path: Path) -> Any:
@@ -172,18 +176,51 @@ def _lines(first: bytes, file: BinaryIO, width: int, wanted: list[int]) -> Itera
 
 def _signal_list(header: Mapping[str, Any], path: Path) -> dict[str, str]:
     """Signal -> axis name, in the order of the columns of HFData."""
-    try:
-        signals = {s["Name"]: str(s.get("Axis", "")) for s in header["SignalListHFData"]}
-    except (KeyError, TypeError):
+    listed = header.get("SignalListHFData")
+    if not isinstance(listed, list) or not listed:
         raise RecordingError(
             f"{path}: the header has no usable SignalListHFData, so nothing says what the columns are. Export it again."
-        ) from None
-    if len(signals) != len(header["SignalListHFData"]):
+        )
+    for number, signal in enumerate(listed, 1):
+        if not isinstance(signal, dict) or not isinstance(signal.get("Name"), str):
+            raise RecordingError(
+                f"{path}: entry {number} of SignalListHFData is {_shown(signal)}, without a Name in text, so nothing "
+                "says what that column is. Export it again."
+            )
+    signals = {s["Name"]: str(s.get("Axis", "")) for s in listed}
+    if len(signals) != len(listed):
         raise RecordingError(f"{path}: SignalListHFData names a signal twice; its columns cannot be told apart.")
     return signals
 
 
-def _rows(content: Any, wanted: list[int], width: int, path: Path) -> Float2D:
+def _events(group: str, content: Any, path: Path) -> list[dict[str, Any]]:
+    """The events of one message: one or a list of them, or none (null)."""
+    found = [] if content is None else content if isinstance(content, list) else [content]
+    for event in found:
+        if not isinstance(event, dict):
+            raise RecordingError(f"{path}: an {group} is {_shown(event)}, no object with its keys. Export it again.")
+    return found
+
+
+def _shown(value: Any) -> str:
+    """A value as it stands in the file, cut where it is long."""
+    text = orjson.dumps(value).decode()
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _number(value: Any, what: str, path: Path) -> float:
+    """`value` as a finite number; `what` names it where it is none."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise RecordingError(f"{path}: {what} is {_shown(value)}, which is no number. Export it again.")
+    return number
+
+
+def _rows(content: Any, wanted: list[int], names: list[str], path: Path) -> Float2D:
+    width = len(names)
     if isinstance(content, np.ndarray):
         return content
     if not isinstance(content, list):
@@ -195,12 +232,18 @@ def _rows(content: Any, wanted: list[int], width: int, path: Path) -> Float2D:
         if set(map(len, content)) != {width}:
             raise IndexError
         return np.array(list(map(take, content)), dtype=float).reshape(len(content), -1)
-    except (IndexError, TypeError, ValueError):
-        bad = next((r for r in content if not isinstance(r, list) or len(r) != width), content[0])
-        at = bad[0] if isinstance(bad, list) and bad else "?"
-        raise RecordingError(
-            f"{path}: an HFData row near CYCLE {at} has not {width} numbers as the signal list says. Export it again."
-        ) from None
+    except (IndexError, KeyError, TypeError, ValueError):
+        for row in content:
+            at = _shown(row[wanted[0]] if isinstance(row, list) and len(row) > wanted[0] else None)
+            if not isinstance(row, list) or len(row) != width:
+                raise RecordingError(
+                    f"{path}: the HFData row of CYCLE {at} has not {width} numbers as the signal list says. "
+                    "Export it again."
+                ) from None
+            for i in wanted:
+                if row[i] is not None:
+                    _number(row[i], f"{names[i]} in the HFData row of CYCLE {at}", path)
+        raise
 
 
 def _without_repeats(table: Float2D) -> tuple[Float2D, int]:
@@ -225,16 +268,15 @@ def _clock(
     notes: list[str] = []
     try:
         marks = [(float(s["HFProbeCounter"]), _seconds(s["Time"])) for s in (header.get("Initial"), *stamps) if s]
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise RecordingError(
             f"{path}: an HFTimestamp has no readable Time and HFProbeCounter. Export it again."
         ) from None
     counter, clock = np.array(marks, float).reshape(-1, 2).T
     cycle = header.get("CycleTimeMs")
     if cycle:
-        cycle_s = float(cycle) / 1000
-    elif len(marks) > 1:
-        steps = np.diff(counter) > 0
+        cycle_s = _number(cycle, "CycleTimeMs in the header", path) / 1000
+    elif (steps := np.diff(counter) > 0).any():
         cycle_s = round(float(np.median(np.diff(clock)[steps] / np.diff(counter)[steps])), 6)
         notes.append(f"the header has no CycleTimeMs; the time stamps give {cycle_s * 1000:g} ms")
     else:
@@ -253,24 +295,36 @@ def _clock(
     return cycle_s, float(offset[0] + first * cycle_s), notes
 
 
-def _program(events: list[dict[str, Any]], counter: Float1D) -> dict[str, Float1D]:
-    """`nc_line` and `tool_id` of each sample, from the block events at or before it."""
+def _program(events: list[dict[str, Any]], counter: Float1D, path: Path) -> dict[str, Array1D]:
+    """`nc_line` and `tool_id` of each sample, from the block events at or before it; a tool may be a name."""
     events = [e for e in events if e.get("HFProbeCounter") is not None]
     if not events:
         return {}
-    at = [float(e["HFProbeCounter"]) for e in events]
+    at = [_number(e["HFProbeCounter"], "HFProbeCounter of an HFBlockEvent", path) for e in events]
     order = sorted(range(len(events)), key=at.__getitem__)
     events, at = [events[i] for i in order], [at[i] for i in order]
+    for key in ("SeekOffset", "GCode", "ActiveTool"):
+        for count, event in zip(at, events, strict=True):
+            if isinstance(event.get(key), list | dict):
+                raise RecordingError(
+                    f"{path}: {key} of the HFBlockEvent at count {count:.0f} is {_shown(event[key])}, neither text nor "
+                    "a number. Export it again."
+                )
     numbers = block_index((e.get("SeekOffset"), e.get("GCode")) for e in events)
-    columns = {"nc_line": hold(at, [float(n) for n in numbers], counter)}
-    tools = [(a, float(e["ActiveTool"])) for a, e in zip(at, events, strict=True) if e.get("ActiveTool") is not None]
+    columns: dict[str, Array1D] = {"nc_line": hold(at, [float(n) for n in numbers], counter)}
+    tools = [(a, e["ActiveTool"]) for a, e in zip(at, events, strict=True) if e.get("ActiveTool") is not None]
     if tools:
-        columns["tool_id"] = hold([a for a, _ in tools], [tool for _, tool in tools], counter)
+        columns["tool_id"] = hold_names([a for a, _ in tools], [tool for _, tool in tools], counter)
     return columns
 
 
-def _machine(header: Mapping[str, Any]) -> str:
+def _machine(header: Mapping[str, Any], path: Path) -> str:
     info = header.get("MachineInfo") or {}
+    if not isinstance(info, dict):
+        raise RecordingError(
+            f"{path}: MachineInfo in the header is {_shown(info)}, no object with MachineName. Name the machine of the "
+            "recording (--machine), or export it again."
+        )
     return str(info.get("MachineName") or "sinumerik")
 
 

@@ -21,16 +21,21 @@ _BLOCK = 1 << 21
 _MISSING = ["", "NA", "NaN", "nan", "null", "None"]
 
 
-def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> dict[str, Array1D]:
-    """`columns` as float64 (n,), `text` as objects. Raises RecordingError naming line or column of the first fault."""
-    columns, text = list(columns), list(text)
+def read_csv(
+    path: Path, columns: Iterable[str], text: Iterable[str] = (), others: Iterable[str] = ()
+) -> dict[str, Array1D]:
+    """`columns` as float64 (n,), `text` as objects, and those of `others` that hold numbers throughout.
+
+    Raises RecordingError naming line or column of the first fault.
+    """
+    columns, text, others = list(columns), list(text), list(others)
     types = {**dict.fromkeys(columns, pa.float64()), **dict.fromkeys(text, pa.string())}
     try:
         table = pc.read_csv(
             path,
             read_options=pc.ReadOptions(block_size=_BLOCK),
             convert_options=pc.ConvertOptions(
-                include_columns=columns + text,
+                include_columns=columns + text + others,
                 column_types=types,
                 null_values=_MISSING,
             ),
@@ -40,7 +45,14 @@ def read_csv(path: Path, columns: Iterable[str], text: Iterable[str] = ()) -> di
         raise RecordingError(f"{path}: {reason} Export the recording again.") from None
     if table.num_rows == 0:
         raise RecordingError(f"{path}: the file has column names but no rows. Export the recording again.")
-    return {name: _owned(table.column(name).to_numpy()) for name in columns + text}
+    kept = [name for name in others if _is_number(table.schema.field(name).type)]
+    return {name: _owned(table.column(name).to_numpy()) for name in columns + text} | {
+        name: _owned(table.column(name).cast(pa.float64(), safe=False).to_numpy()) for name in kept
+    }
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind)
 
 
 def _no_numbers(path: Path, columns: list[str]) -> list[str]:

@@ -35,6 +35,7 @@ def test_changes_make_a_new_recording_and_leave_the_old_one():
 def test_the_sample_rate_is_that_of_most_samples_and_a_gap_does_not_change_it():
     t = np.r_[np.arange(100), 900 + np.arange(100)] / 50
     assert Recording(PART, {"time": t}).sample_rate_hz == pytest.approx(50.0)
+    assert Recording(PART, {"time": np.repeat(t, 2)}).sample_rate_hz == pytest.approx(50.0)
     with pytest.raises(RecordingError, match="at least two"):
         _ = Recording(PART, {"time": np.zeros(1)}).sample_rate_hz
 

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from pido import config
+from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings import read_recording
 from pido.recordings.check import check, usable_mask
+from pido.recordings.resample import resample
 
 N, RATE = 3000, 50.0
 
@@ -121,10 +123,79 @@ def test_time_that_does_not_advance_is_an_error(step, kind):
     assert faults[0].rows == 1
 
 
+@pytest.mark.parametrize(
+    ("stamp", "repeated"),
+    [
+        (lambda t: np.floor(10 * t + 1e-6) / 10, N - 600),  # of 50 Hz, written to a tenth of a second
+        (lambda t: np.floor(t + 1e-6), N - 60),
+        (lambda t: np.repeat(t[::2], 2), N - 1500),
+        (lambda t: 0 * t, N - 1),
+    ],
+    ids=["tenths of a second", "whole seconds", "each twice", "one for all"],
+)
+def test_time_stamps_that_repeat_everywhere_are_one_error_and_nothing_is_judged_by_them(stamp, repeated):
+    spoiled = _spoiled("time", stamp)
+    assert [(f.kind, f.rows) for f in check(spoiled)] == [("time_repeated", repeated)]
+    with pytest.raises(RecordingError, match=r"time does not advance in \d+ row\(s\), first in row 2;"):
+        resample(spoiled, 5.0)
+
+
 def test_a_gap_is_found_with_its_length():
     faults = check(_good().rows(np.r_[0:1000, 1200:N]))
     assert [f.kind for f in faults] == ["gap"]
     assert "4.02 s" in faults[0].what
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_missing_time_is_named_by_its_row(value):
+    (fault,) = check(_spoiled("time", lambda t: t + value, slice(100, 101)))
+    assert (fault.kind, fault.rows) == ("time_missing", 1)
+    assert "first in row 101" in fault.what
+    assert fault.t_start == pytest.approx(100 / RATE, abs=1.01 / RATE)
+
+
+@pytest.mark.parametrize(("start", "kinds"), [(1.7e9, ["clock_time"]), (-1.7e9, ["clock_time"]), (600.0, [])])
+def test_time_of_a_clock_is_no_time_from_the_first_sample_and_that_of_a_piece_is(start, kinds):
+    assert [f.kind for f in check(_spoiled("time", lambda t: t + start)) if f.severity == "error"] == kinds
+
+
+@pytest.mark.parametrize("missing", [1, 5])
+def test_a_missing_speed_of_the_spindle_is_no_counter_reset(missing):
+    rows = slice(700, 700 + missing)
+    good = _spoiled("v_sp", lambda v: v * np.nan, rows)
+    assert [(f.kind, f.column, f.rows) for f in check(good)] == [("missing_value", "v_sp", missing)]
+    assert not usable_mask(good, check(good))[rows].any()
+    assert usable_mask(good, check(good)).sum() == N - missing
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "severity"),
+    [
+        ("coolant", np.full(N, 5.0), "error"),
+        ("coolant", np.r_[2.0, np.ones(N - 1)], "warning"),
+        ("nc_line", np.full(N, np.inf), "error"),
+        ("nc_line", np.r_[-np.inf, np.ones(N - 1)], "warning"),
+        ("mrr_sim", np.r_[np.zeros(N - 400), np.full(400, -7.0)], "error"),
+        ("mrr_sim", np.r_[np.full(N - 4, 30.0), np.full(4, -7.0)], "warning"),
+    ],
+)
+def test_values_that_a_column_cannot_have_are_said_and_left_out(column, values, severity):
+    recording = _good().with_columns(**{column: values})
+    faults = [f for f in check(recording) if f.kind == "outside_contract"]
+    assert [(f.column, f.severity) for f in faults] == [(column, severity)]
+    assert not usable_mask(recording, tuple(faults))[faults[0].mask].any()
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("coolant", np.r_[np.nan, 0.0, np.ones(N - 2)]),
+        ("nc_line", np.r_[np.nan, np.arange(N - 1.0)]),
+        ("mrr_sim", np.r_[-1e-9, np.full(N - 1, 30.0)]),
+    ],
+)
+def test_values_that_a_column_may_have_are_no_fault(column, values):
+    assert check(_good().with_columns(**{column: values})) == ()
 
 
 def test_rows_in_shuffled_packets_are_an_error():

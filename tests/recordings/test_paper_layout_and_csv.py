@@ -1,11 +1,14 @@
 """Files written in the published layouts, with known content."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from pido.core.errors import RecordingError
 from pido.recordings import read_recording, recognise
+from pido.recordings.check import check
 
 N = 200
 
@@ -79,6 +82,59 @@ def test_published_names_become_the_contracts_names(tmp_path):
     assert (recording["mrr_sim"] == 2.0).all()
     np.testing.assert_allclose(recording["v_x"], 50.0)  # 1 mm per 20 ms
     assert any("v_x_sim" in note for note in recording.notes)
+
+
+def _csv(path, n=60, **columns):
+    """A table in the published layout at 250 Hz, with these columns."""
+    t = np.arange(n) / 250
+    return pd.DataFrame({"pos_x": 10 * t, "v_x": 10.0, "a_x": 0.0, "curr_x": 1.0, **columns}).to_csv(path, index=False)
+
+
+def test_a_force_that_was_measured_stands_beside_its_simulation(tmp_path):
+    _csv(tmp_path / "a.csv", f_x=7.0, f_x_sim=5.0)
+    pd.read_csv(tmp_path / "a.csv").assign(time=np.arange(60) / 50).to_parquet(tmp_path / "b.parquet")
+    for name in ("a.csv", "b.parquet"):
+        recording = read_recording(tmp_path / name)
+        assert (recording["f_x_sim"] == 5.0).all()
+        assert (recording["f_x"] == 7.0).all()
+
+
+def test_a_column_that_stands_in_a_table_twice_is_refused(tmp_path):
+    _csv(tmp_path / "a.csv", curr_y=2.0)
+    (tmp_path / "a.csv").write_text((tmp_path / "a.csv").read_text().replace("curr_y", "curr_x"))
+    with pytest.raises(RecordingError, match=r"a\.csv: column\(s\) curr_x stand in it twice"):
+        read_recording(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("name", ["Time", "Time [s]", "timestamp", "t", "t_ms", "Zeit (s)", "seconds"])
+def test_time_by_another_name_is_never_taken_for_no_time(tmp_path, name):
+    _csv(tmp_path / "a.csv", **{name: np.arange(60) / 250})
+    with pytest.raises(RecordingError, match=rf"no column 'time', but {re.escape(repr(name))}\. Name"):
+        read_recording(tmp_path / "a.csv")
+
+
+def test_columns_that_nobody_knows_are_refused_for_the_store_as_in_parquet(tmp_path):
+    _csv(tmp_path / "a.csv", time=np.arange(60) / 250, temp=20, state="cut", v_x_sim=10.0, **{"force (x, y)": 1.5})
+    recording = read_recording(tmp_path / "a.csv")
+    assert (recording["temp"] == 20).all()
+    assert "state" not in recording
+    assert recording.sample_rate_hz == pytest.approx(250)
+    unknown = {f.column for f in check(recording) if f.kind == "unknown_column" and f.severity == "error"}
+    assert unknown >= {"temp", "state"}
+    assert "v_x_sim" not in unknown
+
+
+def test_names_that_are_not_utf_8_are_told_how_to_be_saved(tmp_path):
+    _csv(tmp_path / "a.csv", kühl=1.0)
+    (tmp_path / "a.csv").write_bytes((tmp_path / "a.csv").read_text().encode("latin-1"))
+    with pytest.raises(RecordingError, match=r"k.hl are not UTF-8\. Save the file as UTF-8"):
+        read_recording(tmp_path / "a.csv")
+
+
+def test_lines_that_end_as_on_old_machines_are_lines(tmp_path):
+    _csv(tmp_path / "a.csv", coolant=1.0)
+    (tmp_path / "b.csv").write_bytes((tmp_path / "a.csv").read_bytes().replace(b"\n", b"\r"))
+    assert (read_recording(tmp_path / "b.csv")["coolant"] == 1).all()
 
 
 @pytest.mark.real

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -10,6 +11,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
+from pido.store import Store
 
 
 @pytest.fixture
@@ -36,6 +38,53 @@ def test_a_misspelt_key_of_part_json_is_refused_by_name(folder):
     (folder / "part.json").write_text(json.dumps({"part": "p01", "machine": "m", "materail": "S235JR", "order": 0}))
     with pytest.raises(SettingsError, match=r"(?s)2 fault.*(order.*materail|materail.*order)"):
         read_recording(folder)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ('"order": 10000000000000000000', "order: .*less than or equal to 9223372036854775807"),
+        ('"order": true', "order: must be a whole number, without quotes"),
+        ('"order": "3"', "order: must be a whole number, without quotes"),
+        ('"part": "  "', "part: the name is blank"),
+        ('"part": "a\\nb"', "part: the name holds a line break"),
+        ('"machine": "a\\u0000"', "machine: the name holds a line break"),
+        (f'"part": "{"x" * 300}"', "part: the name is too long: 300 characters as a file name, 200 at most"),
+        ('"ball_screw_lead_mm": {"q": 5}', "ball_screw_lead_mm: 'q' is no axis with a screw: x, y, z"),
+        ('"operations": [{"nc_line": 1, "coolant": 5}]', r"operations\.0\.coolant: must be 0 \(off\) or 1 \(on\)"),
+        ('"workpiece": {"blank_mm": [-1, 2, 3]}', r"workpiece\.blank_mm: sizes must be greater than 0"),
+        ('"material": "a", "material": "b"', "the key 'material' stands in it twice"),
+        ('"tools": {"1": {"teeth": 2, "teeth": 3}}', "the key 'teeth' stands in it twice"),
+        (f'"tools": {"[" * 900}{"]" * 900}', "tools|nested"),
+    ],
+    ids=lambda text: text[:40],
+)
+def test_what_part_json_may_not_say_is_refused_in_words(folder, wrong, words):
+    given = {"part": '"part": "p01"', "machine": '"machine": "m"'}
+    rest = [text for key, text in given.items() if not wrong.startswith(f'"{key}"')]
+    (folder / "part.json").write_text("{" + ", ".join([*rest, wrong]) + "}")
+    with pytest.raises(SettingsError, match=words):
+        read_recording(folder)
+
+
+def test_what_a_part_was_kept_with_before_there_were_rules_is_still_read(folder, tmp_path):
+    old = PartInfo(part=" ", machine="m\n", ball_screw_lead_mm={"q": 5}, workpiece={"blank_mm": (-1, 2, 3)})  # pyright: ignore
+    store = Store(tmp_path / "store")
+    entry = store.add(replace(read_recording(folder), part=old))
+    assert store.load(entry.digest).part == old
+
+
+def test_whole_numbers_that_lose_digits_are_refused_for_that(folder):
+    file = folder / "recording.parquet"
+    pq.write_table(pq.read_table(file).append_column("nc_line", pa.array([2**60 + 1] * 60)), file)
+    with pytest.raises(RecordingError, match=r"'nc_line' holds whole numbers beyond 2\^53, which lose digits"):
+        read_recording(folder)
+
+
+def test_a_file_whose_name_cannot_be_a_parts_is_said(folder):
+    file = (folder / "recording.parquet").rename(folder.parent / f"{'x' * 210}.parquet")
+    with pytest.raises(RecordingError, match=r"the name of its part is too long: 210 .* Give it another one"):
+        read_recording(file)
 
 
 def test_the_long_name_of_order_is_accepted(folder):

@@ -7,6 +7,8 @@ import pytest
 
 from pido.core.errors import RecordingError
 from pido.recordings import read_recording, recognise
+from pido.recordings.check import check
+from pido.recordings.folder import write_folder
 
 SIGNALS = ["CYCLE", "CURRENT|2", "ENC_POS|1", "CURRENT|1", "ENC_POS|2", "CURRENT|6", "ENC_POS|6", "LOAD|1", "CURRENT|4"]
 AXES = {"1": "X1", "2": "Y1", "6": "SP1", "4": "C1"}
@@ -104,10 +106,71 @@ def test_a_truncated_capture_is_one_clear_error(tmp_path, style, share):
         read_recording(path)
 
 
-def test_a_row_with_too_few_numbers_is_named_by_its_count(tmp_path):
-    bad = {"HFData": [_row(100), _row(101)[:-1]]}
-    with pytest.raises(RecordingError, match="CYCLE 1101"):
-        read_recording(_write(tmp_path / "c.json", [*MESSAGES, bad]))
+def _changed(row, i, value):
+    return [value if k == i else cell for k, cell in enumerate(row)]
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        ({"HFData": [_row(100), _row(101)[:-1]]}, "row of CYCLE 1101 has not 9 numbers"),
+        ({"HFData": [_row(100), 5]}, "row of CYCLE null has not 9 numbers"),
+        (
+            {"HFData": [_row(100), _changed(_row(105), 3, "x")]},
+            r'CURRENT\|1 .* of CYCLE 1105 is "x", which is no number',
+        ),
+        ({"HFData": [_changed(_row(100), 2, [1])]}, r"ENC_POS\|1 .*CYCLE 1100 is \[1\], which is no number"),
+        ({"HFBlockEvent": "N10 G0"}, 'an HFBlockEvent is "N10 G0", no object'),
+        ({"HFBlockEvent": {"HFProbeCounter": "abc", "GCode": "N10"}}, 'HFProbeCounter .* is "abc", which is no number'),
+        ({"HFBlockEvent": {"HFProbeCounter": 1007, "GCode": ["N1"]}}, r'GCode .* count 1007 is \["N1"\], neither text'),
+        (_event(7, "N10", tool={"T": 1}), r'ActiveTool .* count 1007 is \{"T":1\}, neither text'),
+        ({"HFTimestamp": "2024"}, 'an HFTimestamp is "2024", no object'),
+        ([1, 2], r"a message of the payload is \[1,2\], no object"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+@pytest.mark.parametrize("style", ["lines", "one line"])
+def test_what_is_odd_in_a_message_is_said_where_it_is(tmp_path, style, message, words):
+    path = _write(tmp_path / "c.json", [*MESSAGES, message], style=style)
+    with pytest.raises(RecordingError, match=rf"c\.json: .*{words}.*Export it again"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("CycleTimeMs", "2,0", 'CycleTimeMs in the header is "2,0", which is no number'),
+        ("MachineInfo", ["mill 7"], r'MachineInfo in the header is \["mill 7"\], no object .*--machine'),
+        ("SignalListHFData", [{"Name": "CYCLE"}, {"Name": None}], r'entry 2 of SignalListHFData is \{"Name":null\}'),
+        ("SignalListHFData", 5, "no usable SignalListHFData"),
+    ],
+)
+def test_what_is_odd_in_the_header_is_said_by_its_key(tmp_path, key, value, words):
+    path = _write(tmp_path / "c.json", style="one line")
+    whole = json.loads(path.read_text())
+    whole["Header"][key] = value
+    path.write_text(json.dumps(whole))
+    with pytest.raises(RecordingError, match=words):
+        read_recording(path)
+
+
+def test_an_event_that_is_null_is_none(tmp_path):
+    recording = read_recording(_write(tmp_path / "c.json", [{"HFBlockEvent": None}, *MESSAGES]))
+    np.testing.assert_array_equal(recording["nc_line"], np.repeat([1, 2, 1], [50, 30, 20]))
+
+
+def test_a_tool_that_is_a_name_stays_one(tmp_path):
+    messages = [_event(10, "N5", tool="FRAESER"), *MESSAGES[1:]]
+    recording = read_recording(_write(tmp_path / "c.json", messages))
+    assert recording["tool_id"].tolist() == 10 * [None] + 40 * ["FRAESER"] + 30 * ["6"] + 20 * ["7"]
+    again = read_recording(write_folder(recording, tmp_path / "c"))
+    assert again["tool_id"].tolist() == recording["tool_id"].tolist()
+
+
+def test_a_capture_that_counts_each_cycle_twice_has_time_that_stands_still(tmp_path):
+    twice = [_row(k // 2)[:1] + _row(k)[1:] for k in range(200)]
+    faults = check(read_recording(_write(tmp_path / "c.json", [{"HFData": twice}])))
+    assert [(f.rows, f.severity) for f in faults if f.kind == "time_repeated"] == [(100, "error")]
 
 
 @pytest.mark.real

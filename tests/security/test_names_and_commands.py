@@ -21,7 +21,7 @@ from pido.supervision.book import Book
 from pido.workspace import Workspace
 
 CODE = sorted(p for folder in ("pido", "flows", "deploy") for p in (Path(__file__).parents[2] / folder).rglob("*.py"))
-HOSTILE = ("../../climbed", "/tmp/climbed", "$(touch climbed)", "; touch climbed", "`touch climbed`", "a|b\n# c", "..")
+HOSTILE = ("../../climbed", "/tmp/climbed", "$(touch climbed)", "; touch climbed", "`touch climbed`", "a|b # c", "..")
 
 
 @given(st.text(min_size=1, max_size=60))
