@@ -48,7 +48,7 @@ def command(
 
     from pido import config
     from pido.core.errors import PidoError, StoreError, UnavailableError
-    from pido.recordings import READERS, read_recording
+    from pido.recordings import read_recording
     from pido.recordings.check import check
     from pido.recordings.faults import ERROR
     from pido.store import Store
@@ -80,8 +80,7 @@ def command(
             broken = True
         failed |= entry is None
         rejected = None
-        # A folder that is no recording is somebody's folder.
-        if entry is None and not (keep or broken) and (path.is_file() or any(r.recognises(path) for r in READERS)):
+        if entry is None and not (keep or broken) and path.exists() and not _somebodys_folder(path):
             try:
                 rejected = store.reject(path, reason)
             except (StoreError, OSError) as error:
@@ -110,3 +109,10 @@ def command(
         if entry is None and not faults:
             click.echo(f"pido: {reason}", err=True)
     sys.exit(1 if failed else 0)
+
+
+def _somebodys_folder(path: Path) -> bool:
+    """Whether it is a folder with something in it that is no recording."""
+    from pido.recordings import READERS
+
+    return path.is_dir() and any(path.iterdir()) and not any(reader.recognises(path) for reader in READERS)
