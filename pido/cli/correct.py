@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pido.cli.inputs import Input
+from pido.cli.inputs import Input, Output
 from pido.cli.outputs import outside, replaceable
 
 if TYPE_CHECKING:
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 @click.command(name="correct")
 @click.argument("diagnosis", type=click.Path(path_type=Path))
 @click.argument("part", type=Input())
-@click.option("--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Parquet file to write")
+@click.option("--out", required=True, type=Output(dir_okay=False), help="Parquet file to write")
 @click.option("--after", multiple=True, type=Input(), help="a part made in between; give all, oldest first")
 def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> None:
     """Apply the models of a diagnosis, unchanged, to a part that was not diagnosed.
 
-    DIAGNOSIS is the folder that `pido diagnose --out` wrote. No curr_<axis> column of PART is read: it works where
-    there is no recording of the current yet. What parts made since those of the diagnosis left behind (heat, wear) is
-    carried on from the ones given with --after. Nothing is written into what is read, nor over a recording.
+    DIAGNOSIS is the folder that `pido diagnose --out` wrote, or a file in it. No curr_<axis> column of PART is read: it
+    works where there is no recording of the current yet. What parts made since those of the diagnosis left behind
+    (heat, wear) is carried on from those given with --after. Nothing is written into what is read, or over a recording.
 
     \b
     pido correct diagnosis parts/p04 --out p04-corrected.parquet
@@ -36,9 +36,10 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     from pido.diagnosis.correct import correct, not_told_of
     from pido.recordings import read_recording
 
-    outside(out, (diagnosis, part, *after))
+    folder = diagnosis.parent if diagnosis.is_file() else diagnosis
+    outside(out, (folder, part, *after))
     replaceable(out, _corrected, "corrected part")
-    model = contract.read_model(diagnosis)
+    model = contract.read_model(folder)
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
     for place, one in zip((part, *after), (recording, *earlier), strict=True):
         _same_machine(model, place, one)

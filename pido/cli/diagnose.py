@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input
+from pido.cli.inputs import Input, Output
 
 
 def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str | None) -> str | None:
@@ -17,7 +17,7 @@ def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str
 
 @click.command(name="diagnose")
 @click.argument("parts", nargs=-1, required=True, type=Input())
-@click.option("--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="folder for the result")
+@click.option("--out", required=True, type=Output(file_okay=False), help="folder for the result")
 @click.option(
     "--pair",
     metavar="RECORDED:SIMULATED",

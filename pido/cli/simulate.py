@@ -50,6 +50,7 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
     from dataclasses import replace
 
     from pido.config import load_job
+    from pido.core.files import writable
     from pido.core.part import PartInfo
     from pido.process.quantities import ENGAGEMENT
     from pido.process.simulate import simulate_job
@@ -60,6 +61,7 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
     replaceable(file, _simulated, "simulated recording")
     if not file.exists() and not alone:
         replaceable(out / ABOUT, _simulated, "simulated part")
+    writable(file)
     job = load_job(job_file)
     info = PartInfo(
         part=name or program.stem,

@@ -125,3 +125,27 @@ def test_a_diagnosis_is_applied_to_parts_of_its_own_machine(made_on, code, place
     got, _, err = call(*words)
     assert got == code
     assert not code or "is of machine 'cmx600v', and the diagnosis of 'dmc60h'" in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate {0}/slot.mpf --job {0}/broken.toml --out {0}/job.toml/simulated",
+        "simulate {0}/slot.mpf --job {0}/broken.toml --out {0}/job.toml/simulated.parquet",
+        "correct {0}/diagnosis {0}/broken --out {0}/job.toml/c.parquet",
+        "diagnose {0}/broken --out {0}/job.toml/diagnosis",
+    ],
+)
+def test_a_place_that_cannot_be_written_is_said_before_anything_is_read(words, place, call):
+    (place / "broken.toml").touch()
+    (place / "broken").mkdir()
+    code, out, err = call(*words.format(place).split())
+    assert (code, out) == (1, "")
+    assert f"{place}/job.toml/" in err
+    assert "cannot be written" in err
+
+
+@pytest.mark.parametrize("file", ["diagnosis.json", "model.json"])
+def test_a_file_of_a_diagnosis_stands_for_its_folder(file, place, call):
+    code, _, err = call("correct", place / "diagnosis" / file, place / "p01", "--out", place / "c.parquet")
+    assert code == 0, err
