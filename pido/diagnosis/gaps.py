@@ -16,12 +16,14 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
+from pido.core.columns import CURRENT
 from pido.core.recording import Recording
 from pido.diagnosis.state import AxisState, Motion
 from pido.diagnosis.terms import Term
 
 _TRIED = 16  # values in place of a missing one: 0, 1, and the rest from the least to the greatest that are known
 _EACH = ("v", "a", "pos", "force", "force_perp", "m_sp", "mrr", "ar", "wx", "wy", "wz", "angle")
+_CURRENTS = frozenset(CURRENT.values())  # which no finding follows from
 _PER_AXIS = ("forces", "places", "sims")
 
 
@@ -37,6 +39,16 @@ def known_columns(term: Term, recording: Recording, state: AxisState) -> Float2D
 
 
 def _missing(recording: Recording, state: AxisState) -> Bool1D:
+    """(n,) – rows in which a value was not recorded, and the state lacks one.
+
+    A value that was recorded and is wrong is a fault of the data, which is a finding of its own.
+    """
+    inputs = [v for name, v in recording.columns.items() if name not in _CURRENTS and v.dtype != object]
+    recorded = np.isfinite(inputs).all(axis=0)
+    return ~recorded & _lacking(recording, state)
+
+
+def _lacking(recording: Recording, state: AxisState) -> Bool1D:
     values = [getattr(state, name) for name in _names(recording)]
     values += [v for name in _PER_AXIS for v in getattr(state, name).values()]
     values += [v for motion in state.others.values() for v in (motion.v, motion.a)]

@@ -12,10 +12,12 @@ from pido.core.recording import Recording
 from pido.diagnosis.correct import correct, not_told_of
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.formulas import Formula
+from pido.diagnosis.gaps import known_columns
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.models import AxisModel, as_json, known_of, shifted
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Gate, Term
+from pido.diagnosis.terms import Term
 
 COOLANT = Term(next(m for m in CATALOGUE if m.id == "coolant_load"), (("along", 0.0),))
 
@@ -150,6 +152,14 @@ def test_what_a_finding_does_not_follow_from_may_be_missing(term, column):
     model = model_of(term, rich())
     whole, holed = correct(model, rich()), correct(model, with_hole(rich(), column))
     np.testing.assert_allclose(holed.mismatch["x"], whole.mismatch["x"], atol=1e-12)
+
+
+def test_a_value_that_was_recorded_and_is_wrong_is_not_missing():
+    """A counter that was reset is a finding of its own; what cannot be said because of it corrects nothing."""
+    (state,) = axis_states([rich()], "x")
+    wrong = state.pos.copy()
+    wrong[HOLE] = np.nan
+    assert np.isfinite(known_columns(RIPPLE, rich(), replace(state, pos=wrong))).all()
 
 
 def test_a_play_that_no_reversal_has_shown_yet_is_nothing_and_not_missing():
