@@ -71,7 +71,7 @@ def command(
             reason = "\n".join(str(f) for f in faults if f.severity == ERROR)
             if not reason:
                 entry = store.add(recording, source=path.name)
-        except UnavailableError:
+        except (UnavailableError, OSError):
             raise  # the disk's fault: nothing is rejected for it
         except PidoError as error:
             reason = str(error)

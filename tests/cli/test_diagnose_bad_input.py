@@ -168,7 +168,7 @@ def test_an_identifier_that_is_no_file_name_is_refused_before_anything_is_compar
     about.write_text(json.dumps(json.loads(about.read_text()) | {"part": "p" * 300}))
     code, _, _, err = diagnose(part)
     assert code == 1
-    assert "file name of 300 bytes" in err
+    assert "300 characters as a file name" in err
 
 
 def test_one_short_part_says_what_can_still_be_concluded(made, diagnose):

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
 from pido.diagnosis.confirm import Whitened, half_widths, p_value, q_values
 from pido.diagnosis.estimate import estimate
 from pido.diagnosis.formulas import Formula, Surface
@@ -133,7 +135,7 @@ def test_a_term_acts_on_a_new_part_at_most_three_times_as_strongly_as_where_it_w
             return np.linspace(-100.0, 100.0, 9)[:, None]
 
     state = SimpleNamespace(time=np.arange(9.0))
-    recording = SimpleNamespace(part=SimpleNamespace(part="new"))
+    recording = Recording(PartInfo(part="new", machine="m"), {"time": state.time})
     model = AxisModel("x", 0.1, (Term(Ramp(), name="ramp"),), (np.array([1.0]),), largest=(10.0,))  # type: ignore[arg-type]
     effect = model.effect(np.zeros(9), recording, state)  # type: ignore[arg-type]
     assert effect.min() == pytest.approx(-30.0)

@@ -107,10 +107,11 @@ ASKED_FOR = """
 import threading, time
 from prefect.client.orchestration import get_client
 from prefect.states import Completed
+from flows import ownership
 from flows.new_part import new_part
 from pido.cli.watch import command
 
-new_part.to_deployment("arrivals").apply()
+new_part.to_deployment("arrivals", tags=[ownership.tag("plant")]).apply()
 words = ["plant/inbox", "--workspace", "plant", "--prefect"]
 threading.Thread(target=command.main, args=[words], kwargs={"standalone_mode": False}, daemon=True).start()
 with get_client(sync_client=True) as client:
@@ -152,11 +153,13 @@ clock, place = [0.0], Workspace.open(sys.argv[1])
 backlog = Backlog(place, place.inbox, lambda: clock[0])
 look = _through_prefect(place, None, backlog)
 with get_client(sync_client=True) as client:
+    def all_runs():
+        return sorted(client.read_flow_runs(), key=lambda run: run.created)
     def asked():
-        paths = [r.parameters.get("path", "") for r in sorted(client.read_flow_runs(), key=lambda run: run.created)]
+        paths = [run.parameters.get("path", "") for run in all_runs()]
         return [int(path[5:]) for path in paths if path.startswith("part ")]
     def ends(part, state):
-        runs = [run for run in client.read_flow_runs() if run.parameters.get("path") == f"part {part}"]
+        runs = [run for run in all_runs() if run.parameters.get("path") == f"part {part}"]
         client.set_flow_run_state(runs[-1].id, state, force=True)
     look(inbox)
     look(inbox)
