@@ -44,8 +44,8 @@ def _missing(recording: Recording, state: AxisState) -> Bool1D:
     A value that was recorded and is wrong is a fault of the data, which is a finding of its own.
     """
     inputs = [v for name, v in recording.columns.items() if name not in _CURRENTS and v.dtype != object]
-    missing: Bool1D = ~np.isfinite(np.array(inputs)).all(axis=0)
-    return missing & _lacking(recording, state) if missing.any() else missing
+    missing = np.any([~np.isfinite(v) for v in inputs], axis=0)
+    return missing & _lacking(recording, state) if np.any(missing) else missing
 
 
 def _lacking(recording: Recording, state: AxisState) -> Bool1D:
