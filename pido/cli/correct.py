@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pido.cli.inputs import Input, Output
-from pido.cli.outputs import outside, replaceable
+from pido.cli.inputs import Input
+from pido.cli.outputs import Output, outside, replaceable
 
 if TYPE_CHECKING:
     from pido.core.recording import Recording
@@ -60,11 +60,10 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
 def _same_machine(model: Mapping[str, Any], place: Path, recording: Recording) -> None:
     """Raises DiagnosisError for a part of another machine, where both say theirs."""
     from pido.core.errors import DiagnosisError
-    from pido.recordings.folder import ABOUT
+    from pido.recordings.folder import says_machine
 
-    about = place / ABOUT if place.is_dir() else place.with_name(ABOUT)
     made_on = model.get("machine")
-    if made_on is not None and about.is_file() and recording.part.machine != made_on:
+    if made_on is not None and says_machine(place) and recording.part.machine != made_on:
         raise DiagnosisError(
             f"{place}: part {recording.part.part} is of machine '{recording.part.machine}', and the diagnosis of "
             f"'{made_on}': what one machine lacks, another need not. Diagnose parts of this one."

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input, Output
+from pido.cli.inputs import Input
+from pido.cli.outputs import Output
 
 
 def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str | None) -> str | None:
@@ -47,10 +48,10 @@ def command(
     from pido.config import machine as machine_settings
     from pido.diagnoses import PAGE, diagnose_into, summary
     from pido.recordings import read_recording
-    from pido.recordings.folder import ABOUT
+    from pido.recordings.folder import says_machine
 
     recordings = [read_recording(part) for part in parts]
-    named = [r.part.machine for r, part in zip(recordings, parts, strict=True) if (part / ABOUT).is_file()]
+    named = [r.part.machine for r, part in zip(recordings, parts, strict=True) if says_machine(part)]
     with Progress("diagnosing") as progress:
         result = diagnose_into(
             out,

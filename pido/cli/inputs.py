@@ -1,4 +1,4 @@
-"""Files and folders that a verb reads or writes."""
+"""Files and folders that a verb reads."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 from pido.core.errors import InputError
-from pido.core.files import writable
 
 
 class Input(click.Path):
@@ -26,21 +25,6 @@ class Input(click.Path):
             return super().convert(value, param, ctx)
         except click.BadParameter:
             raise InputError(_fault(Path(value), self.file_okay, self.dir_okay)) from None
-
-
-class Output(click.Path):
-    """A file, or a folder of files, that a verb writes when it is done.
-
-    One that cannot be written is an error (exit code 1) before anything is imported or computed.
-    """
-
-    def __init__(self, *, file_okay: bool = True, dir_okay: bool = True) -> None:
-        super().__init__(file_okay=file_okay, dir_okay=dir_okay, readable=False, path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        path: Any = super().convert(value, param, ctx)
-        writable(path / "report.html" if self.dir_okay else path)
-        return path
 
 
 def _fault(path: Path, file_okay: bool, dir_okay: bool) -> str:

@@ -7,8 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
+from typing import Any
+
+import click
 
 from pido.core.errors import InputError
+from pido.core.files import writable
+
+
+class Output(click.Path):
+    """A file, or a folder of files, that a verb writes when it is done.
+
+    One that cannot be written is an error (exit code 1) before anything is imported or computed.
+    """
+
+    def __init__(self, *, file_okay: bool = True, dir_okay: bool = True) -> None:
+        super().__init__(file_okay=file_okay, dir_okay=dir_okay, readable=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path: Any = super().convert(value, param, ctx)
+        writable(path / "report.html" if self.dir_okay else path)
+        return path
 
 
 def replaceable(file: Path, own: Callable[[Collection[str]], bool], what: str) -> None:

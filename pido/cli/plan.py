@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input, Output
+from pido.cli.inputs import Input
+from pido.cli.outputs import Output
 from pido.cli.places import workspace_option
 
 SHOWN = 12

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input, Output
+from pido.cli.inputs import Input
+from pido.cli.outputs import Output
 from pido.cli.places import existing, machine_option, one_machine, workspace_option
 
 out_option = click.option("--out", required=True, type=Output(dir_okay=False), help="HTML file")

@@ -95,8 +95,8 @@ def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog
                 answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
             except Exception as error:  # a fault of this program that one part meets holds up no other
                 expected = isinstance(error, PidoError | OSError)
-                reason = str(error) or type(error).__name__
-                reason = reason if expected else f"internal error ({type(error).__name__}: {error})"
+                name = type(error).__name__
+                reason = str(error) or name if expected else f"internal error ({name}: {error})"
                 again = backlog.tried(one, reason)
                 said = "%s is still to be done, and tried again in %.0f s: %s"
                 log.warning(said, one.path.name, again, reason, exc_info=not expected)

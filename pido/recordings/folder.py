@@ -35,8 +35,17 @@ def _recognises(path: Path) -> bool:
     return path.name == DATA or head(path, 4) == b"PAR1" or path.suffix.lower() == ".parquet"
 
 
+def _data(path: Path) -> Path:
+    return path / DATA if path.is_dir() else path
+
+
+def says_machine(path: Path) -> bool:
+    """Whether a part.json says what machine a recording is of; other readers assume one."""
+    return _recognises(path) and _data(path).with_name(ABOUT).is_file()
+
+
 def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:
-    data = path / DATA if path.is_dir() else path
+    data = _data(path)
     about = data.with_name(ABOUT)
     for file in (data, about):
         if file.exists() and not file.is_file():

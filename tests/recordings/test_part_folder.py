@@ -10,7 +10,7 @@ from pido.core.errors import RecordingError, SettingsError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings import read_recording
-from pido.recordings.folder import write_folder
+from pido.recordings.folder import says_machine, write_folder
 from pido.store import Store
 
 
@@ -127,3 +127,14 @@ def test_text_where_numbers_belong_is_refused(folder):
     pq.write_table(table.set_column(table.schema.get_field_index("curr_x"), "curr_x", text), file)
     with pytest.raises(RecordingError, match="'curr_x' holds text"):
         read_recording(folder)
+
+
+def test_only_a_part_json_that_belongs_to_the_recording_says_its_machine(tmp_path):
+    """A CSV beside a part.json is of a machine that its reader assumes."""
+    part = write_folder(Recording(PartInfo(part="p", machine="m"), {"time": np.arange(60) / 50.0}), tmp_path / "p")
+    (part / "other.csv").write_text("pos_x,curr_x\n0,0\n")
+    assert says_machine(part)
+    assert says_machine(part / "recording.parquet")
+    assert not says_machine(part / "other.csv")
+    (part / "part.json").unlink()
+    assert not says_machine(part)
