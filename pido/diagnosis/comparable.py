@@ -18,9 +18,10 @@ from pido.core.columns import CURRENT, CURRENT_SIM, POSITION, UNITS, VELOCITY
 from pido.core.errors import DiagnosisError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
+from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.consistency import runs
 from pido.diagnosis.faults import beyond_load, extreme_loads
-from pido.diagnosis.state import dead_bands, motion
+from pido.diagnosis.state import motion
 
 LEAST_ROWS = 500
 """Samples of a part, and samples of an axis that have both currents, below which nothing is concluded."""

@@ -24,6 +24,7 @@ from pido.core.machining import Machine
 from pido.core.memory import kept_memory
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
+from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
 from pido.diagnosis.comparable import comparable_axes, in_order
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
@@ -41,7 +42,7 @@ from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
-from pido.diagnosis.state import AxisState, axis_states, dead_bands
+from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unnamed import clearly_less

@@ -16,18 +16,13 @@ import numpy as np
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
+from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION
 from pido.core.machining import Machine
 from pido.core.part import PartTool
 from pido.core.recording import Recording
+from pido.diagnosis.bands import LINEAR_DEAD_BAND, dead_bands, numbers, speed_of
 from pido.diagnosis.faults import beyond_load, displaced, faulty
 from pido.physics.friction import held_direction
-
-_LINEAR_DEAD_BAND = 0.02  # mm/s
-_SPINDLE_DEAD_BAND = 6.0  # deg/s
-_CREEPS = 0.002  # of all samples, at one steady speed below the usual band: it is a feed, and no trembling
-_NOTHING = 0.05  # of the usual band
-_NOISE_FACTOR = 5.0  # of a speed's noise at standstill: a larger speed is motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +172,10 @@ def _state(
     own = recorded or Motion(still, still, still, still.astype(bool), still)
     pos = _position(recording, axis)
     since, since_s, segment = _since_reversal(time, own, pos)
-    forces = {a: f for a in LINEAR_AXES if (f := _numbers(recording, FORCE_SIM[a])) is not None}
+    forces = {a: f for a in LINEAR_AXES if (f := numbers(recording, FORCE_SIM[a])) is not None}
     across = [f for a, f in forces.items() if a != axis]
     complete = len(across) == len([a for a in LINEAR_AXES if a != axis])
-    m_sp, mrr = _numbers(recording, "m_sp_sim"), _numbers(recording, "mrr_sim")
+    m_sp, mrr = numbers(recording, "m_sp_sim"), numbers(recording, "mrr_sim")
     engaged = _engaged(mrr, m_sp, forces)
     info = recording.part
     tool = _tool(recording)
@@ -230,7 +225,7 @@ def _state(
         teeth_in_cut=_teeth_in_cut(recording, tool, radius, ar, depth),
         edge_in_cut=_edge_in_cut(recording, tool, radius, ar, depth, {**motions, axis: own}),
         tool_radius=radius,
-        coolant=c if (c := _numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
+        coolant=c if (c := numbers(recording, "coolant")) is not None else _operation(recording, "coolant"),
         tool_id=tool,
         tool_mass=_of_tool(recording, tool, lambda t: t.mass_kg),
         cut_volume=volume,
@@ -243,12 +238,12 @@ def _state(
         wy=None if center is None or pos_y is None else pos_y - center[1],
         wz=None if top is None or pos_z is None else pos_z - top,
         workpiece_size=None if piece is None else piece.size_xy_mm,
-        nc_line=_numbers(recording, "nc_line"),
+        nc_line=numbers(recording, "nc_line"),
         lead=lead,
         vertical=None if vertical is None else vertical == axis,
-        sim=_numbers(recording, CURRENT_SIM[axis]),
-        curr=_numbers(recording, CURRENT[axis]),
-        sims={a: i for a in AXES if a != axis and (i := _numbers(recording, CURRENT_SIM[a])) is not None},
+        sim=numbers(recording, CURRENT_SIM[axis]),
+        curr=numbers(recording, CURRENT[axis]),
+        sims={a: i for a in AXES if a != axis and (i := numbers(recording, CURRENT_SIM[a])) is not None},
         usable=usable,
     )
 
@@ -264,67 +259,12 @@ def _judged(recording: Recording, axis: str, bands: Mapping[str, float]) -> Moti
 
 def motion(recording: Recording, axis: str, bands: Mapping[str, float]) -> Motion | None:
     """Speed, acceleration and direction of one axis, derived where they are missing; None without any."""
-    v, a = _speed(recording, axis), _numbers(recording, ACCELERATION[axis])
+    v, a = speed_of(recording, axis), numbers(recording, ACCELERATION[axis])
     if v is None:
         return None
     if a is None:
         a = np.gradient(v, recording.time) if len(v) > 1 else np.zeros(len(v))
     return Motion.with_band(v, a, held_direction(v, bands[axis]), bands[axis])
-
-
-def _speed(recording: Recording, axis: str) -> Float1D | None:
-    v, pos = _numbers(recording, VELOCITY[axis]), _numbers(recording, POSITION[axis])
-    if v is not None or pos is None or len(recording) < 2:
-        return v
-    return np.gradient(np.unwrap(pos, period=360.0) if axis == "sp" else pos, recording.time)
-
-
-def dead_bands(
-    recordings: Sequence[Recording], machine: Machine | None = None, known: Mapping[str, float] | None = None
-) -> dict[str, float]:
-    """Speed at or below which each axis with a speed stands still: the machine's, or what all recordings together say.
-
-    known : bands that were read before, from other parts of the same machine
-
-    One recording says little of an axis that hardly moves in it, and that axis has one band wherever it moves.
-    """
-    known = known or {}
-    speeds = {a: [v for r in recordings if (v := _speed(r, a)) is not None] for a in AXES if a not in known}
-    read = {a: _dead_band(v, a) if machine is None else machine.dead_band(a) for a, v in speeds.items() if v}
-    return {**read, **known}
-
-
-def _dead_band(speeds: Sequence[Float1D], axis: str) -> float:
-    """Five times the signal's own noise at standstill, at least the usual band.
-
-    Noise is read from second differences of slow samples beside slow ones: a smooth motion has none there, and a quick
-    turn is no standstill. The band never exceeds a twentieth of the speeds that occur, so that a noisy signal cannot
-    hide slow motion altogether. A signal without noise may say that an axis creeps steadily below the usual band, which
-    is motion then.
-    """
-    least = _LINEAR_DEAD_BAND if axis in LINEAR_AXES else _SPINDLE_DEAD_BAND
-    known = [v[np.isfinite(v)] for v in speeds]
-    every = np.abs(np.concatenate(known))
-    if len(every) < 20:
-        return least
-    top = float(np.quantile(every, 0.95))
-    bend = np.concatenate([_bends(v, 0.05 * top) for v in known])
-    noise = 1.4826 * float(np.median(bend)) / np.sqrt(6.0) if len(bend) >= 20 else 0.0
-    if noise == 0 and len(creeps := np.concatenate([_steady(v, least) for v in known])) >= _CREEPS * len(every):
-        return float(np.quantile(creeps, 0.01)) / 2
-    return float(max(least, min(_NOISE_FACTOR * noise, 0.05 * top)))
-
-
-def _steady(v: Float1D, slow: float) -> Float1D:
-    """Sizes of the speeds, at most `slow` and not next to nothing, that the samples before and after have too."""
-    size = np.abs(v[1:-1])
-    return size[(size > _NOTHING * slow) & (size <= slow) & (v[2:] == v[1:-1]) & (v[:-2] == v[1:-1])]
-
-
-def _bends(v: Float1D, slow: float) -> Float1D:
-    """Sizes of the second differences where all three samples are slower."""
-    stands = np.abs(v) < slow
-    return np.abs(np.diff(v, 2))[stands[2:] & stands[1:-1] & stands[:-2]]
 
 
 def _since_reversal(time: Float1D, own: Motion, pos: Float1D | None) -> tuple[Float1D, Float1D, Float1D]:
@@ -369,7 +309,7 @@ def _area_removal(mrr: Float1D | None, own: Motion, others: Mapping[str, Motion]
     if mrr is None or any(a not in moved for a in LINEAR_AXES):
         return None
     speed = speed_along_path({a: m.v for a, m in moved.items()})
-    return np.where(speed > _LINEAR_DEAD_BAND, mrr / np.maximum(speed, _LINEAR_DEAD_BAND), 0.0)
+    return np.where(speed > LINEAR_DEAD_BAND, mrr / np.maximum(speed, LINEAR_DEAD_BAND), 0.0)
 
 
 def _end_length(depth: Float1D | None, radius: Float1D | None, moved: Mapping[str, Motion]) -> Float1D | None:
@@ -381,7 +321,7 @@ def _end_length(depth: Float1D | None, radius: Float1D | None, moved: Mapping[st
 
 def _plunges(moved: Mapping[str, Motion]) -> Bool1D:
     """Whether the tool goes mainly along its axis."""
-    return np.abs(moved["z"].v) > np.maximum(np.hypot(moved["x"].v, moved["y"].v), _LINEAR_DEAD_BAND)
+    return np.abs(moved["z"].v) > np.maximum(np.hypot(moved["x"].v, moved["y"].v), LINEAR_DEAD_BAND)
 
 
 def _teeth_in_cut(
@@ -485,7 +425,7 @@ def _wear(
 def _operation(recording: Recording, what: str) -> Float1D | None:
     """An entry of the operations of part.json for every sample, by its NC block; NaN where no entry says."""
     operations = sorted(recording.part.operations, key=lambda o: o.nc_line)
-    line = _numbers(recording, "nc_line")
+    line = numbers(recording, "nc_line")
     if line is None or all(getattr(o, what) is None for o in operations):
         return None
     values = np.array([np.nan, *(np.nan if (x := getattr(o, what)) is None else float(x) for o in operations)])
@@ -494,14 +434,8 @@ def _operation(recording: Recording, what: str) -> Float1D | None:
 
 def _position(recording: Recording, axis: str) -> Float1D | None:
     """The position of an axis, NaN where it cannot be told."""
-    pos = _numbers(recording, POSITION[axis])
+    pos = numbers(recording, POSITION[axis])
     if pos is None:
         return None
     lost = displaced(recording, axis)
     return np.where(lost, np.nan, pos) if lost.any() else pos
-
-
-def _numbers(recording: Recording, name: str) -> Float1D | None:
-    """A column; None where it is not there, or has no value: it says nothing of the part then."""
-    values = np.asarray(recording[name], float) if name in recording else None
-    return None if values is None or np.isnan(values).all() else values

@@ -6,6 +6,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.answers import equation_text
+from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.correct import correct
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.library import Library
@@ -13,7 +14,7 @@ from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, known_of
 from pido.diagnosis.search import first_look, search
-from pido.diagnosis.state import axis_states, dead_bands
+from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from tests.diagnosis.feeds import laid_out
 from tests.diagnosis.planted import NOISE, part, white
