@@ -132,7 +132,11 @@ def _position_and_speed(
             lost, way = float(np.ptp(np.cumsum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
             size = float(np.sqrt(np.mean(rate[inner] ** 2)))
             # A position that hung catches up; one that does not stood still, and a speed beside it is wrong a while.
-            hung = name == "v" or _spread_out(gap[inner]) > _SOME_TIME or _catches_up(gap, j, lost)
+            # Beside a speed that stayed as it was, a position that moved in a step or two jumped.
+            if name == "v":
+                hung = _of_two_steps(gap[inner]) < _MOSTLY * lost
+            else:
+                hung = _spread_out(gap[inner]) > _SOME_TIME or _catches_up(gap, j, lost)
             if (
                 hung
                 and lost > max(_GRAINS * grain, 0.5 * way)
@@ -192,6 +196,11 @@ def _spread_out(values: Float1D) -> float:
     """Share of a stretch over which values are spread: 1 for equal ones, nearly 0 for a spike among zeros."""
     square = len(values) * float(np.sum(values**2))
     return float(np.sum(np.abs(values))) ** 2 / square if square > 0 else 0.0
+
+
+def _of_two_steps(gap: Float1D) -> float:
+    """The most that two steps of a stretch lose."""
+    return float(np.sum(np.sort(np.abs(gap))[-2:]))
 
 
 def _catches_up(gap: Float1D, last: int, lost: float) -> bool:

@@ -181,6 +181,16 @@ def test_a_wrong_signal_is_found_where_it_is_wrong(rate, column, seconds, change
     assert last <= end + 0.35
 
 
+@pytest.mark.parametrize(("v", "size"), [(0.0, 40.0), (0.0, -5.0), (0.0, 1.0), (30.0, 40.0), (30.0, -5.0)])
+def test_a_counter_that_resets_beside_a_commanded_speed_is_the_fault_of_the_position(v, size):
+    clean = axis_in_motion(50.0, seed=2, noise=0.0)
+    same = np.flatnonzero(np.abs(clean["v_x"] - v) < 1e-9)
+    i = int(same[len(same) // 2])
+    found = input_faults(put(clean, "pos_x", slice(i, len(clean)), np.full(len(clean) - i, size)))
+    assert set(found) == {"pos_x"}
+    assert min(f.t_start for f in found["pos_x"]) == pytest.approx(clean.time[i], abs=0.05)
+
+
 def in_rows(recording, found):
     """(n,) – samples within intervals of a column."""
     at = [(recording.time >= f.t_start) & (recording.time <= f.t_end) for f in found]
