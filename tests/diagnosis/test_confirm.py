@@ -1,5 +1,6 @@
 """Proof: intervals that hold what they promise, p values under no effect, and curves that cannot run away."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy import stats
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.confirm import Whitened, half_widths, p_value, q_values
+from pido.diagnosis.confirm import Whitened, even, half_widths, p_value, q_values, rms_held_out
 from pido.diagnosis.estimate import estimate
 from pido.diagnosis.formulas import Formula, Surface
 from pido.diagnosis.misfit import useless
@@ -166,3 +167,13 @@ def test_a_law_beside_another_has_the_same_size_in_every_part_or_mends_its_form(
     assert (reason is not None and "in every part" in reason) == rejected
     _, reason = useless(library, noise, [other])
     assert reason is None or "in every part" not in reason
+
+
+def test_terms_of_the_equation_that_some_parts_cannot_tell_apart_do_not_run_away_on_another_part():
+    mismatch, rng = _laid_out(3), np.random.default_rng(2)
+    u, other = rng.normal(size=(2, _ROWS))
+    alike = np.where(mismatch.part < 2, 1e-3 * other, other)  # beside u, only part p2 shows the second one
+    laid_out = replace(
+        mismatch, base=np.array([u, u + alike]), base_names=("u", "w"), target=u + rng.normal(0, 0.3, _ROWS)
+    )
+    assert rms_held_out(laid_out, even(laid_out), []) == pytest.approx(0.3, rel=0.5)
