@@ -24,6 +24,7 @@ from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
+_PLACES = ("pos_", "from_")
 _CHANGES = ("coolant", "v_sp", "feed", "AR")  # what changes a load or a friction, beside places
 _SIZES = np.array([0.03, 0.1, 0.3, 1.0])  # of what is usual of a quantity, within which it eases
 _FLAT = 1e-9  # of a column's power that is left beside the other
@@ -60,7 +61,7 @@ class Arm(Unnamed):
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         u = written(self.signal, self.form)
-        if self.place in _CHANGES:
+        if not self.place.startswith(_PLACES):
             return f"with {u}, more or less of it with {self.place}", ()
         return f"with {u}, in proportion to how far from somewhere {self.place} is", ()
 
@@ -166,10 +167,21 @@ def _gain(rows: Float2D, few: Coarse) -> float:
 def _offered(axis: str, known: Known) -> Iterator[Arm]:
     own = ((f"held_{axis}", "u"), *((f"{u}_{axis}", "u") for u in "vaI"), (f"v_{axis}", "sgn u"))
     loads = tuple((name, "u") for name in (*(f"f_{a}" for a in LINEAR_AXES), "M_sp", "coolant"))
-    for place in (*(f"{place}_{a}" for place in ("pos", "from") for a in LINEAR_AXES), *_CHANGES):
+    for place in (*(f"{place}{a}" for place in _PLACES for a in LINEAR_AXES), *_CHANGES):
         for name, form in (*own, *loads):
-            # That Coulomb's friction changes along the axis' own travel has a name.
-            named = place == f"pos_{axis}" and (name == f"held_{axis}" or form == "sgn u")
-            if place in known and name in known and name != place and not named:
+            if place in known and name in known and name != place and not _has_a_name(axis, place, name, form):
                 for by in ("u", "u²") if place in _CHANGES else ("u",):
                     yield Arm(place, name, known[name][1], known[place][1], by, form)
+
+
+def arm_of(axis: str, known: Known, signal: tuple[str, str], place: tuple[str, str]) -> Arm | None:
+    """What one quantity changes of another, each with its form; None where the catalogue has a name for that."""
+    (name, form), (where, by) = signal, place
+    if _has_a_name(axis, where, name, form):
+        return None
+    return Arm(where, name, known[name][1], known[where][1], by, form)
+
+
+def _has_a_name(axis: str, place: str, name: str, form: str) -> bool:
+    """That Coulomb's friction changes along the axis' own travel has one."""
+    return place == f"pos_{axis}" and (name == f"held_{axis}" or form == "sgn u")

@@ -28,6 +28,7 @@ from pido.diagnosis.forms import (
     rivals_of,
 )
 from pido.diagnosis.identify import (
+    LEAST_GAIN,
     SIGNIFICANT_NAME,
     Answer,
     by_error,
@@ -43,8 +44,9 @@ from pido.diagnosis.library import Library, basis, plausible
 from pido.diagnosis.loop import lag_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.select import shortlist_of
 from pido.diagnosis.terms import Term, fit, solve, without
-from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.unnamed import best_nameless, with_unknown
 from pido.diagnosis.whiten import Averaged, Noise
 
 _BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
@@ -98,13 +100,22 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     """
     answer = _search(look, axes, timed, rng)
     lag = lag_of(look.mismatch, answer.terms)
-    if not lag and answer.terms:
+    if not lag:
         lag = max((part.term.lag for part in look.inside.values()), default=0.0)
-    if lag:
+    if lag and (answer.terms or _anything(look, lag)):
         late = _search(look, axes, timed, rng, lag)
-        if _as_good(look.mismatch, late.terms, answer.terms):
+        if not answer.terms or _as_good(look.mismatch, late.terms, answer.terms):
             return late
     return answer
+
+
+def _anything(look: Look, lag: float) -> bool:
+    """Whether any law, named or not, says more behind a lag in s than chance does."""
+    library = Library(look.mismatch, _not_timing(look.offered), _any_sign(look.inside), lag=lag)
+    noise = noise_of(look.mismatch, look.noise, [])
+    library.whiten(noise)
+    least = min((s.bic for s in best_nameless(library, noise, [])), default=np.inf)
+    return bool(least < basis(library, noise, []).bic - LEAST_GAIN)
 
 
 def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: float = 0.0) -> Answer:
@@ -166,7 +177,23 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
     whole = basis(library, noise, terms).bic
     answer.delta_bic = [basis(library, noise, without(terms, i)).bic - whole for i in range(len(terms))]
     answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]
+    answer.rejected += _no_better(library, noise, answer)
     return answer
+
+
+def _no_better(library: Library, noise: Noise, answer: Answer) -> list[Rejected]:
+    """The mechanisms that were tried besides, each with what the likeliest of its shapes says beside what was found."""
+    current = basis(library, noise, answer.terms)
+    told = {t.name for t in answer.terms} | {r.mechanism for r in answer.rejected}
+    return [
+        Rejected(
+            answer.axis,
+            score.term.name,
+            f"beside what was found its BIC is {score.bic - current.bic:+.0f}; "
+            f"a finding needs {-LEAST_GAIN:.0f} or less, and a smaller error on unseen parts",
+        )
+        for score in shortlist_of(library.screen(current), told)
+    ]
 
 
 def _forces_alone(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:

@@ -24,9 +24,7 @@ from pido.diagnosis.dynamics import Ringing, ringing_terms
 from pido.diagnosis.estimate import LONGEST_LAG_S
 from pido.diagnosis.flexible import Coarse, coarse, price, structure
 from pido.diagnosis.formulas import (
-    FORMS,
     LOOKED_AT,
-    Formula,
     Peak,
     Surface,
     Unnamed,
@@ -40,6 +38,7 @@ from pido.diagnosis.late import SHORTEST_S, Fading, Late, Modulated, late_terms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.products import gains_by_averages, quick_laws
 from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known, common_signals
 from pido.diagnosis.terms import Term, bic, fit
@@ -202,9 +201,10 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
     ranked = sorted(_by_gain(mismatch, known, few), key=lambda g: -g[0])
     offered = [t.behind(library.lag) for _, t in ranked]
+    quick = [Term(law).behind(library.lag) for law in quick_laws(mismatch.axis, whole, noise, residual)]
     late = [*ringing_terms(mismatch, residual, whole), *late_terms(mismatch, whole, few)]
     late += rested_terms(mismatch, few)
-    scores = [s for t in (*offered[:_FINALISTS], *late) if (s := library.score(t, current)) is not None]
+    scores = [s for t in (*offered[:_FINALISTS], *quick, *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):
         if not _at_an_edge(score.term, start):
@@ -258,7 +258,7 @@ def _by_gain(mismatch: Mismatch, known: Known, few: Coarse) -> list[tuple[float,
     """Formulas, peaks, bends, arms, what is eased or differs by tool, and waves, each with what it takes away from the
     coarse residual alone."""
     axis = mismatch.axis
-    gains = [(gain, Term(formula)) for formula, gain in _gains_of_formulas(formulas(known), known, few)]
+    gains = [(gain, Term(formula)) for formula, gain in gains_by_averages(formulas(known), known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
     gains += [(gain, Term(law)) for gain, law in (*bends(axis, known, few), *arms(axis, known, few))]
     gains += eased(axis, known, few)
@@ -280,20 +280,6 @@ def _gains_of_peaks(known: Known, few: Coarse) -> Iterator[tuple[Peak, dict[str,
             row = np.exp(-(((middle - shape["c"]) / shape["w"]) ** 2))
             own = float(row**2 @ size)
             yield peak, shape, float(row @ inner) ** 2 / own if own > 0 else 0.0
-
-
-def _gains_of_formulas(offered: Sequence[Formula], known: Known, few: Coarse) -> list[tuple[Formula, float]]:
-    """Formulas of one or two factors, each with what it would take away by itself; all products at once."""
-    factors = [None, *dict.fromkeys(f for formula in offered for f in formula.factors)]
-    at = {f: i for i, f in enumerate(factors)}
-    rows = np.array([np.ones(len(few.rows)) if f is None else FORMS[f[1]](known[f[0]][0]) for f in factors])
-    # Each at its own scale: squares of products overflow otherwise.
-    rows /= np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
-    inner = (rows * (few.weights * few.values)) @ rows.T
-    size = (rows**2 * few.weights) @ (rows**2).T
-    gain = np.where(size > 0, inner**2 / np.maximum(size, 1e-300), 0.0)
-    ends = [(at[f.factors[0]], at[f.factors[1]] if len(f.factors) > 1 else 0) for f in offered]
-    return [(formula, float(gain[i, j])) for formula, (i, j) in zip(offered, ends, strict=True)]
 
 
 def tune(library: Library, current: Basis, score: Score) -> Score:

@@ -1,0 +1,108 @@
+"""What products of two recorded quantities would take away, all of them at once.
+
+In:  quantities, and a residual: its averages, or all its rows with their noise.
+Out: formulas and arms, and what each takes away.
+Averages over the memory of the noise hold what is slow. What is quicker than that memory, as everything that follows an
+acceleration is, cancels in them: it is looked for in the whitened rows.
+Source: the size of whitened columns that are never formed, by random signs (Hutchinson 1989, Commun. Stat. 18, 1059).
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pido.core.arrays import Float1D
+from pido.diagnosis.arms import Arm, arm_of
+from pido.diagnosis.flexible import Coarse
+from pido.diagnosis.formulas import FORMS, Formula, formulas
+from pido.diagnosis.signals import Known
+from pido.diagnosis.whiten import Noise
+
+_QUICK = 12  # formulas, and arms, that are looked at more closely
+_SIGNS = 16  # random columns of signs: sizes come out to a third, which is enough to rank by
+_LEAST = 1e-6  # of the usual size of a column: a smaller one is zero nearly everywhere
+
+_APART = 1e-3  # of the size of a product, that its first factor leaves: what is less is that factor again
+
+_Matrix = NDArray[np.floating]
+
+
+def gains_by_averages(offered: Sequence[Formula], known: Known, few: Coarse) -> list[tuple[Formula, float]]:
+    """Formulas of one or two factors, each with what it would take away from the averages by itself."""
+    factors, first, second = _factors_of(offered)
+    rows = _rows(factors, known, len(few.rows))
+    inner = (rows * (few.weights * few.values)) @ rows.T
+    size = (rows**2 * few.weights) @ (rows**2).T
+    gain = np.where(size > 0, inner**2 / np.maximum(size, 1e-300), 0.0)
+    return list(zip(offered, gain[first, second].tolist(), strict=True))
+
+
+def quick_laws(axis: str, known: Known, noise: Noise, residual: Float1D, seed: int = 0) -> list[Formula | Arm]:
+    """The formulas and arms of one axis that take away most of the whitened rows of a residual, (n,) in A."""
+    offered = formulas(known)
+    factors, first, second = _factors_of(offered)
+    rows = _rows(factors, known, len(residual)).astype(np.float32)
+    whitening = noise.matrix()
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_SIGNS, len(residual)))
+
+    def inner(whitened: Float1D) -> _Matrix:
+        """(factors, factors) – of every product, whitened, with a column that is."""
+        return ((rows * (whitening.T @ whitened).astype(np.float32)) @ rows.T).astype(float)
+
+    products = _Sketch(inner(whitening @ residual), np.array([inner(s) for s in signs]))
+    both = [(f, p) for f in offered if len(f.factors) > 1 for p in (f.factors, f.factors[::-1])]
+    found = [(gain, formula) for gain, formula in zip(products.gains(first, second), offered, strict=True)]
+    best: list[Formula | Arm] = [law for _, law in heapq.nlargest(_QUICK, found, key=lambda g: g[0])]
+    at = {f: i for i, f in enumerate(factors)}
+    gains = products.gains_beside([at[u] for _, (u, _) in both], [at[w] for _, (_, w) in both])
+    arms = ((gain, arm_of(axis, known, u, w)) for gain, (_, (u, w)) in zip(gains, both, strict=True))
+    named = ((gain, arm) for gain, arm in arms if arm is not None)
+    return [*best, *(arm for _, arm in heapq.nlargest(_QUICK, named, key=lambda g: g[0]))]
+
+
+@dataclass(frozen=True)
+class _Sketch:
+    """Products of factors i and j, whitened, of which only inner products are known.
+
+    towards : (i, j) – with a residual
+    signs : (signs, i, j) – with random columns of signs, which tell sizes and angles
+    """
+
+    towards: _Matrix
+    signs: _Matrix
+
+    def gains(self, i: Sequence[int], j: Sequence[int]) -> Float1D:
+        """(k,) – what the products take away, each by itself."""
+        size = np.mean(self.signs[:, i, j] ** 2, axis=0)
+        return self.towards[i, j] ** 2 / np.maximum(size, _LEAST * np.median(size) + 1e-300)
+
+    def gains_beside(self, i: Sequence[int], j: Sequence[int]) -> Float1D:
+        """(k,) – what they take away together with their first factor."""
+        none = [0] * len(i)
+        alone, both = self.signs[:, i, none], self.signs[:, i, j]
+        size = np.maximum(np.mean(alone**2, axis=0), 1e-300)
+        share = np.mean(alone * both, axis=0) / size
+        left = np.mean((both - share * alone) ** 2, axis=0)
+        towards = self.towards[i, j] - share * self.towards[i, none]
+        return self.gains(i, none) + np.where(
+            left > _APART * np.mean(both**2, axis=0), towards**2 / np.maximum(left, 1e-300), 0.0
+        )
+
+
+def _factors_of(offered: Sequence[Formula]) -> tuple[list[tuple[str, str] | None], list[int], list[int]]:
+    """Different factors, None for one, and which two of them make each formula."""
+    factors = [None, *dict.fromkeys(f for formula in offered for f in formula.factors)]
+    at = {f: i for i, f in enumerate(factors)}
+    second = [at[f.factors[1]] if len(f.factors) > 1 else 0 for f in offered]
+    return factors, [at[f.factors[0]] for f in offered], second
+
+
+def _rows(factors: Sequence[tuple[str, str] | None], known: Known, n: int) -> _Matrix:
+    """(factors, n), each at its own scale: squares of products overflow otherwise."""
+    rows = np.array([np.ones(n) if f is None else FORMS[f[1]](known[f[0]][0]) for f in factors])
+    return rows / np.maximum(np.max(np.abs(rows), axis=1, keepdims=True), 1e-300)
