@@ -148,7 +148,8 @@ def held_back(X: Float2D, base: int, terms: Sequence[Term], columns: Sequence[Fl
     apart take large sizes against one another, which another part would show as an error of many times the current.
     """
     out = np.zeros(len(X))
-    out[:base] = _OF_A_BASE * np.einsum("ij,ij->i", X[:base], X[:base])
+    if base > 1:
+        out[:base] = _OF_A_BASE * np.einsum("ij,ij->i", X[:base], X[:base])
     sizes = np.cumsum([base, *[len(c) for c in columns]])
     for term, (i, j) in zip(terms, itertools.pairwise(sizes), strict=True):
         if term.mechanism.held_back:
