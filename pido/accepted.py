@@ -66,7 +66,7 @@ _AT = {name: k for k, name in enumerate(INPUTS)}
 class AcceptedTerm:
     """A finding as a term of the equation (`pido.equations.terms.ExtraTerm`).
 
-    bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
+    axis : whose equation it extends; bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
     """
 
     name: str

@@ -69,6 +69,8 @@ def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_bac
     recipe = Recipe(recipe.method, extended=accepted.term_sets(physics, recipe.method.adaptive))
     found = refit(rows(600), MACHINE, recipe, 0)
     assert physics[0][0].name in found.choice.near[0].terms.id
+    own = Recipe(recipe.method)
+    assert found.choice.near[1:] == refit(rows(600), MACHINE, own, 0).choice.near[1:]  # found on x: the others' stay
     again = equation_files.load(equation_files.dump(found), MACHINE, physics)
     assert again.choice.near == found.choice.near
 
