@@ -3,20 +3,25 @@
 import hashlib
 import itertools
 import json
+import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from plain_parts import parts as made_up
 
-from pido import accepted, config
+from pido import accepted, config, plain
 from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.samples import Samples
 from pido.diagnosis.mechanisms import CATALOGUE
+from pido.equations.choose import EVERYWHERE, Candidate, Choice
 from pido.equations.fit import fit_global
-from pido.equations.terms import PAPER
+from pido.equations.terms import HELD, PAPER
 from pido.files import equations as equation_files
-from pido.iteration import Recipe, refit
+from pido.iteration import Recipe, physics, refit
 from pido.physics_journal import journal
+from pido.recordings.folder import write_folder
 from pido.sampling.method import PAPER_METHOD
 from pido.tracking.promotion import TOKEN
 from pido.workspace import Workspace
@@ -65,13 +70,12 @@ def test_an_accepted_finding_is_fitted_with_its_true_amplitude(tmp_path):
 def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_back(tmp_path, recipe):
     place = Workspace.open(tmp_path / "plant")
     accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
-    physics = accepted.terms(place, MACHINE)
-    recipe = Recipe(recipe.method, extended=accepted.term_sets(physics, recipe.method.adaptive))
+    own = accepted.terms(place, MACHINE)
+    plainly, recipe = recipe, Recipe(recipe.method, extended=accepted.term_sets(own, recipe.method.adaptive))
     found = refit(rows(600), MACHINE, recipe, 0)
-    assert physics[0][0].name in found.choice.near[0].terms.id
-    own = Recipe(recipe.method)
-    assert found.choice.near[1:] == refit(rows(600), MACHINE, own, 0).choice.near[1:]  # found on x: the others' stay
-    again = equation_files.load(equation_files.dump(found), MACHINE, physics)
+    assert own[0][0].name in found.choice.near[0].terms.id
+    assert found.choice.near[1:] == refit(rows(600), MACHINE, plainly, 0).choice.near[1:]
+    again = equation_files.load(equation_files.dump(found), MACHINE, own)
     assert again.choice.near == found.choice.near
 
 
@@ -184,3 +188,53 @@ def test_who_decides_has_a_name_and_the_credential_that_approval_asks_for(tmp_pa
     monkeypatch.setenv(TOKEN, "")
     with pytest.raises(RegistryError, match="credential"):
         accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="seen")
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (
+            0.0804,
+            r"off by 0\.0804 A with it and by 0\.0782 A without: it makes the equation worse \(\+2\.8%\).*--revoke",
+        ),
+        (0.0780, r"changes little \(-0\.3%\)"),
+        (0.0391, r"helps \(-50\.0%\)"),
+    ],
+)
+def test_what_accepted_physics_brings_is_said_in_words_and_that_it_loses_too(tmp_path, error, says):
+    place = Workspace.open(tmp_path / "plant")
+    entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    ((term, size),) = accepted.terms(place, MACHINE)
+    tried = tuple(Candidate(terms, EVERYWHERE) for terms in (HELD, HELD.extended(term, size)))
+    scores = np.full((2, 2, 4), np.nan)
+    scores[0, :, 0], scores[0, 0, 1:] = (0.0782, error), 0.1
+    best = tried[int(error < 0.07)]
+    choice = Choice((best, *[tried[0]] * 3), (tried[0],) * 4, None, scores, tuple(map(str, tried)))
+    found = physics(choice, [term])
+    assert found["held_out"] == {"x": {"without": 0.0782, "with": error}}
+    (words,) = found["words"]
+    assert re.search(f"x stribeck_friction {entry.id}.*{says}", words)
+    assert ("the equation chosen does without" in words) == (error > 0.07)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::ResourceWarning")
+def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_brought(tmp_path):
+    from pido.cli.iterate import command
+    from pido.tracking.mlflow_store import client, experiment
+
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / "workspace.toml").write_text("compare = false\n[method]\ncompare_with_model = false\n")
+    place = Workspace.open(tmp_path / "plant")
+    part = next(made_up(1)).rows(slice(0, 600))
+    plain.run(place, [write_folder(part, tmp_path / "given" / "p")], None, lambda *a: None)
+    entry = accepted.accept(place, "cmx600v", diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    shown = CliRunner().invoke(command, ["--workspace", str(place.root)])
+    assert shown.exit_code == 0
+    with client(place) as store:
+        runs = store.search_runs([experiment(place, store, "cmx600v")], order_by=["attributes.start_time"])
+    assert [run.data.tags["pido.physics"] for run in runs] == ["none", f"x stribeck_friction {entry.id}"]
+    line = f"Accepted physics of x stribeck_friction {entry.id}: on rows held out"
+    assert line in shown.output
+    assert [line in run.data.tags["mlflow.note.content"] for run in runs] == [False, True]
+    assert {"accepted_physics_x/with", "accepted_physics_x/without"} <= set(runs[1].data.metrics)
+    assert not any(name.startswith("accepted_physics_y") for name in runs[1].data.metrics)
