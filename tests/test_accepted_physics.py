@@ -29,18 +29,20 @@ from pido.workspace import Workspace
 MACHINE = config.machine("dmc60h")
 
 
-def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", shape=None, **more):
-    """A diagnosis of one finding on x, written as the contract has it. more : of model.json"""
+def term_of(mechanism, shape, amplitudes=1, gates=()):
+    """A term as model.json has it."""
+    about = {"id": mechanism.removeprefix("miscalibrated:")}
+    return {"name": mechanism, "mechanism": about, "shape": shape, "gates": [*gates], "amplitudes": [0.3] * amplitudes}
+
+
+def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", shape=None, axis="x", gates=(), **more):
+    """A diagnosis of one finding, written as the contract has it. more : of model.json"""
     folder.mkdir(exist_ok=True, parents=True)
-    finding = {"axis": "x", "mechanism": mechanism, "kind": kind, "equation": "dI = ..."}
-    term = {
-        "name": mechanism, "mechanism": {"id": mechanism},
-        "shape": {"v_s": 2.0, "delta": 2.0} if shape is None else shape,
-        "gates": [], "amplitudes": [0.3],
-    }  # fmt: skip
-    axis = {"noise_level": 0.05, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
+    finding = {"axis": axis, "mechanism": mechanism, "kind": kind, "equation": "dI = ..."}
+    term = term_of(mechanism, {"v_s": 2.0, "delta": 2.0} if shape is None else shape, gates=gates)
+    about = {"noise_level": 0.05, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
     (folder / "diagnosis.json").write_text(json.dumps({"schema": "pido.diagnosis/1", "findings": [finding]}))
-    (folder / "model.json").write_text(json.dumps({"schema": "pido.diagnosis.model/1", "axes": {"x": axis}, **more}))
+    (folder / "model.json").write_text(json.dumps({"schema": "pido.diagnosis.model/1", "axes": {axis: about}, **more}))
     return folder
 
 
@@ -80,18 +82,61 @@ def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_bac
 
 
 @pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in accepted.INSTANT], ids=lambda m: m.id)
-def test_every_form_of_every_mechanism_that_may_be_accepted_has_columns_for_rows(tmp_path, mechanism):
-    place = Workspace.open(tmp_path / "plant")
+def test_every_form_of_every_mechanism_that_may_be_accepted_has_columns_for_rows(mechanism):
     samples = rows(50)
     points = [dict(zip([p.name for p in mechanism.shape], values, strict=True))
               for values in itertools.product(*(p.values or (1.0,) for p in mechanism.shape))]  # fmt: skip
-    for k, shape in enumerate(points):
-        folder = diagnosis(tmp_path / f"d{k}", mechanism=mechanism.id, shape=shape)
-        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
-    for term, _ in accepted.terms(place, MACHINE):
+    for shape in points:
+        term, size = accepted.as_term("x", "x", term_of(mechanism.id, shape, len(mechanism.amplitudes)), MACHINE)
         columns = term.columns(samples)
-        assert columns.shape[0] == len(samples)
+        assert columns.shape == (len(samples), size)
         assert np.isfinite(columns).all()
+
+
+@pytest.mark.parametrize(
+    ("axis", "mechanism", "shape", "by"),
+    [
+        ("x", "miscalibrated:viscous_friction", {}, "v_x"),
+        ("sp", "spindle_inertia", {}, "a_sp"),
+        ("y", "coulomb_friction", {"rest": 1.0, "v_0": 0.1}, r"held\(v_y\)"),
+        ("x", "axis_coupling", {"source": 4.0}, "v_y"),
+    ],
+)
+def test_what_the_equation_is_made_of_is_not_accepted_into_it(tmp_path, axis, mechanism, shape, by):
+    place = Workspace.open(tmp_path / "plant")
+    folder = diagnosis(tmp_path / "d", mechanism, shape=shape, axis=axis)
+    with pytest.raises(DiagnosisError, match=rf"{axis} {mechanism} is in the equation already, by {by}\. .*correct"):
+        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    assert journal(place, MACHINE.id) == []
+    printed = Workspace.open(tmp_path / "printed", method="paper")  # these 17 terms are others
+    assert accepted.accept(printed, MACHINE.id, folder, 1, by="A", reason="seen").action == "accept"
+
+
+def test_what_only_some_parts_cannot_tell_from_the_equation_is_accepted(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    gate = {"variable": "v_x", "low": 0.0, "high": 5.0}
+    for k, (mechanism, gates) in enumerate([("viscous_friction", [gate]), ("coulomb_friction", [])]):
+        shape = {} if gates else {"rest": 0.0, "v_0": 0.1}
+        folder = diagnosis(tmp_path / f"d{k}", mechanism, shape=shape, gates=gates)
+        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    both = diagnosis(tmp_path / "both", "standstill_friction", shape={"rest": 0.0})
+    with pytest.raises(DiagnosisError, match=r"by held\(v_x\), x coulomb_friction"):  # the one less the other
+        accepted.accept(place, MACHINE.id, both, 1, by="A", reason="seen")
+
+
+def test_the_same_physics_is_in_force_once_per_axis(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    old = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d1"), 1, by="A", reason="seen")
+    again = diagnosis(tmp_path / "d2", shape={"v_s": 3.0, "delta": 1.0})
+    with pytest.raises(DiagnosisError, match=rf"in force already, as {old.id} .*--revoke {old.id} --by"):
+        accepted.accept(place, MACHINE.id, again, 1, by="A", reason="seen")
+    other = diagnosis(tmp_path / "d3", axis="y")
+    assert accepted.accept(place, MACHINE.id, other, 1, by="A", reason="seen").axis == "y"
+    accepted.revoke(place, MACHINE.id, old.id, by="A", reason="the new one fits better")
+    accepted.accept(place, MACHINE.id, again, 1, by="A", reason="seen")
+    assert [term.name.split()[:2] for term, _ in accepted.terms(place, MACHINE)] == [
+        ["y", "stribeck_friction"], ["x", "stribeck_friction"],
+    ]  # fmt: skip
 
 
 def test_a_state_is_known_by_the_physics_in_force(tmp_path):
