@@ -27,6 +27,7 @@ from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.machining import Machine
 from pido.core.samples import Samples
+from pido.equations.span import made_of
 from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
 from pido.physics_journal import Entry, in_force, journal, write
 from pido.tracking.promotion import check_person
@@ -66,7 +67,7 @@ _AT = {name: k for k, name in enumerate(INPUTS)}
 class AcceptedTerm:
     """A finding as a term of the equation (`pido.equations.terms.ExtraTerm`).
 
-    bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
+    axis : whose equation it extends; bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
     """
 
     name: str
@@ -85,9 +86,9 @@ def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int,
     finding : its name ('x:stribeck_friction'), or its number from 1, as in diagnosis.json; by number not where the next
         parts' diagnosis takes the place of the one that was read
 
-    Raises DiagnosisError for a finding that is not there or cannot extend an equation, and for a diagnosis of another
-    machine; RegistryError without a name and a reason, or without the credential that approval asks for: it decides
-    what the next models learn from.
+    Raises DiagnosisError for a finding that is not there or cannot extend an equation, for physics that the equation
+    has already, of itself or by what is in force, and for a diagnosis of another machine; RegistryError without a name
+    and a reason, or without the credential that approval asks for: it decides what the next models learn from.
     """
     check_person(workspace, by, reason)
     if isinstance(finding, int) and folder.resolve().parent == workspace.diagnosis(machine).resolve().parent:
@@ -102,6 +103,7 @@ def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int,
         there = next((e for e in in_force(entries) if e.id == id), None)
         if there is not None:
             return there
+        _not_there_yet(workspace, machine, about, term)
         entry = Entry(
             len(entries) + 1, "accept", id, about["axis"], about["mechanism"], by, reason, utc_now(), term,
             about["equation"], digest,
@@ -128,19 +130,18 @@ def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str)
 def terms(workspace: Workspace, machine: Machine) -> tuple[tuple[AcceptedTerm, int], ...]:
     """What is in force, as terms with their number of columns."""
     now = in_force(journal(workspace, machine.id))
-    if not now:
-        return ()
+    return tuple(as_term(f"{e.axis} {e.mechanism} {e.id}", e.axis, e.term, machine) for e in now)
+
+
+def as_term(name: str, axis: str, term: Mapping[str, Any], machine: Machine) -> tuple[AcceptedTerm, int]:
+    """A term of model.json as a term of the equation, and its number of columns."""
     from pido.diagnosis.models import axis_models
 
-    bands = tuple(machine.dead_band(axis) for axis in AXES)
-    found = []
-    for e in now:
-        alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [e.term]}
-        model = axis_models({"axes": {e.axis: alone}})[e.axis]
-        term, amplitudes = model.terms[0], model.amplitudes[0]
-        term = replace(term, lag=0.0)  # rows of samples do not follow one another
-        found.append((AcceptedTerm(f"{e.axis} {e.mechanism} {e.id}", e.axis, term, bands), len(amplitudes)))
-    return tuple(found)
+    bands = tuple(machine.dead_band(a) for a in AXES)
+    alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
+    model = axis_models({"axes": {axis: alone}})[axis]
+    read = replace(model.terms[0], lag=0.0)  # rows of samples do not follow one another
+    return AcceptedTerm(name, axis, read, bands), len(model.amplitudes[0])
 
 
 def term_sets(accepted: Sequence[tuple[AcceptedTerm, int]], adaptive: bool) -> tuple[TermSet, ...]:
@@ -205,6 +206,37 @@ def _finding(folder: Path, which: str | int, machine: str) -> tuple[dict[str, An
             "as a correction: pido correct."
         )
     return own[0], about, hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
+
+
+def _not_there_yet(workspace: Workspace, machine: str, about: Mapping[str, Any], term: Mapping[str, Any]) -> None:
+    """DiagnosisError for what the equation of this axis has already: by what is in force, or by terms of its own."""
+    from pido.parts import machine_of
+
+    axis = about["axis"]
+    name = f"{axis} {about['mechanism']}"
+    now = [e for e in in_force(journal(workspace, machine)) if e.axis == axis]
+    twin = next((e for e in now if _law(e.term) == _law(term)), None)
+    if twin is not None:
+        raise DiagnosisError(
+            f"machine '{machine}': {name} is in force already, as {twin.id} ({twin.equation}), and the same physics "
+            "twice would share one effect out. Where the new finding is the better one, first take the old one out: "
+            f"pido accept-physics --revoke {twin.id} --by NAME --reason TEXT --workspace {workspace.root}"
+        )
+    known = machine_of(workspace, machine)
+    equation = HELD if workspace.settings.method.adaptive else PAPER
+    for own, size in terms(workspace, known):
+        equation = equation.extended(own, size) if own.axis == axis else equation
+    made = made_of(as_term(name, axis, term, known)[0], equation, known)
+    if made:
+        raise DiagnosisError(
+            f"machine '{machine}': {name} is in the equation already, by {', '.join(made)}. Each iteration fits its "
+            "size anew: there is nothing to accept. Where your own simulation has it wrong, correct that: pido correct."
+        )
+
+
+def _law(term: Mapping[str, Any]) -> tuple[str, float]:
+    """What two findings of the same physics have in common: the mechanism and, of a coupling, what it is coupled to."""
+    return term["mechanism"]["id"], term["shape"].get("source", 0.0)
 
 
 def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:

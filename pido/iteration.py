@@ -21,6 +21,7 @@ import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +30,8 @@ from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, REAL, Samples, Train
-from pido.equations.choose import AxisEquations
-from pido.equations.terms import TermSet
+from pido.equations.choose import AxisEquations, Choice
+from pido.equations.terms import ExtraTerm, TermSet
 from pido.feature_space.density import balance as evenness
 from pido.feature_space.density import occupancy, relevant_bins
 from pido.feature_space.grid import Grid
@@ -236,6 +237,34 @@ def words(adaptation: Adaptation) -> dict[str, str]:
             for terms, spacing, anchored in zip(trust.terms, trust.spacing, trust.anchored, strict=True)
         ]
     return {axis: f"{near}; rows: {what}" for axis, near, what in zip(AXES, adaptation.choice.near, rows, strict=True)}
+
+
+def physics(choice: Choice, accepted: Sequence[ExtraTerm]) -> dict[str, Any]:
+    """Accepted physics in force, and what it did: its names; per axis that it is of, the held-out RMSE in A of the best
+    equation without and with it; and the same in words, which say also that it made the equation worse."""
+    held_out: dict[str, dict[str, float]] = {}
+    said = []
+    for i, axis in enumerate(AXES):
+        own = [term.name for term in accepted if term.axis == axis]
+        if not own:
+            continue
+        about = f"Accepted physics of {', '.join(own)}"
+        with_it = np.array([any(f"+{name}" in tried for name in own) for tried in choice.tried], bool)
+        near = choice.scores[0, :, i]
+        if not (np.isfinite(near[with_it]).any() and np.isfinite(near[~with_it]).any()):
+            said.append(f"{about}: it is in the equation; no rows were held out to see what it brings.")
+            continue
+        one = held_out[axis] = {"without": float(np.nanmin(near[~with_it])), "with": float(np.nanmin(near[with_it]))}
+        change = one["with"] / max(one["without"], 1e-300) - 1
+        does = "makes the equation worse" if change > 0.01 else "changes little" if change > -0.01 else "helps"
+        chosen = any(term.name in own for each in (choice.near[i], choice.beyond[i]) for term in each.terms.extras)
+        said.append(
+            f"{about}: on rows held out the equation is off by {one['with']:.3g} A with it and by "
+            f"{one['without']:.3g} A without: it {does} ({change:+.1%})"
+            f"{'' if chosen else ', and the equation chosen does without'}."
+            + (" `pido accept-physics --revoke ID` takes it out." if change > 0.01 else "")
+        )
+    return {"accepted": sorted(term.name for term in accepted), "held_out": held_out, "words": said}
 
 
 def rivals(path: Samples, before: Samples) -> dict[str, Float2D]:

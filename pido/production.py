@@ -289,7 +289,7 @@ def publish(place: _Place) -> None:
         "balance": place.facts(f"balance-{ALL}"),
         "metrics": found["metrics"],
         "gate": found["gate"],
-        "physics": _physics(place),
+        "physics": iteration.physics(place.adaptation(ALL).choice, [term for term, _ in place.accepted]),
         "seconds": {f.stem.removeprefix("seconds-"): json.loads(f.read_text())["seconds"]
                     for f in sorted(place.folder.glob("seconds-*.json"))},
     }  # fmt: skip
@@ -297,23 +297,9 @@ def publish(place: _Place) -> None:
     RunFiles(summary, frame(generated), table, _trace(place)).save(workspace.runs)
     version = Ledger(workspace.ledger).finished(
         place.folder.name, plan["machine"], plan["part"], name, made.digest, found["gate"],
-        {k: summary[k] for k in ("part", "metrics", "gate", "balance")} | {"n_parts": len(plan["parts"])},
+        {k: summary[k] for k in ("part", "metrics", "gate", "balance", "physics")} | {"n_parts": len(plan["parts"])},
     )  # fmt: skip
     log_.info("%s: version %d, %d part(s)", name, version, len(plan["parts"]))
-
-
-def _physics(place: _Place) -> dict[str, Any]:
-    """Accepted physics in force, and per axis the held-out RMSE in A of the best equation without and with it."""
-    choice = place.adaptation(ALL).choice
-    names = {term.name for term, _ in place.accepted}
-    gain: dict[str, dict[str, float]] = {}
-    with_it = np.array([any(f"+{n}" in tried for n in names) for tried in choice.tried], bool)
-    if with_it.any():
-        for i, axis in enumerate(AXES):
-            near = choice.scores[0, :, i]
-            if np.isfinite(near[with_it]).any() and np.isfinite(near[~with_it]).any():
-                gain[axis] = {"without": float(np.nanmin(near[~with_it])), "with": float(np.nanmin(near[with_it]))}
-    return {"accepted": sorted(names), "held_out": gain}
 
 
 STAGES: tuple[Stage, ...] = (bins, refit, balance, retrain, evaluate, publish)

@@ -3,20 +3,25 @@
 import hashlib
 import itertools
 import json
+import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from plain_parts import parts as made_up
 
-from pido import accepted, config
+from pido import accepted, config, plain
 from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.samples import Samples
 from pido.diagnosis.mechanisms import CATALOGUE
+from pido.equations.choose import EVERYWHERE, Candidate, Choice
 from pido.equations.fit import fit_global
-from pido.equations.terms import PAPER
+from pido.equations.terms import HELD, PAPER
 from pido.files import equations as equation_files
-from pido.iteration import Recipe, refit
+from pido.iteration import Recipe, physics, refit
 from pido.physics_journal import journal
+from pido.recordings.folder import write_folder
 from pido.sampling.method import PAPER_METHOD
 from pido.tracking.promotion import TOKEN
 from pido.workspace import Workspace
@@ -24,18 +29,20 @@ from pido.workspace import Workspace
 MACHINE = config.machine("dmc60h")
 
 
-def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", shape=None, **more):
-    """A diagnosis of one finding on x, written as the contract has it. more : of model.json"""
+def term_of(mechanism, shape, amplitudes=1, gates=()):
+    """A term as model.json has it."""
+    about = {"id": mechanism.removeprefix("miscalibrated:")}
+    return {"name": mechanism, "mechanism": about, "shape": shape, "gates": [*gates], "amplitudes": [0.3] * amplitudes}
+
+
+def diagnosis(folder, mechanism="stribeck_friction", kind="missing_physics", shape=None, axis="x", gates=(), **more):
+    """A diagnosis of one finding, written as the contract has it. more : of model.json"""
     folder.mkdir(exist_ok=True, parents=True)
-    finding = {"axis": "x", "mechanism": mechanism, "kind": kind, "equation": "dI = ..."}
-    term = {
-        "name": mechanism, "mechanism": {"id": mechanism},
-        "shape": {"v_s": 2.0, "delta": 2.0} if shape is None else shape,
-        "gates": [], "amplitudes": [0.3],
-    }  # fmt: skip
-    axis = {"noise_level": 0.05, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
+    finding = {"axis": axis, "mechanism": mechanism, "kind": kind, "equation": "dI = ..."}
+    term = term_of(mechanism, {"v_s": 2.0, "delta": 2.0} if shape is None else shape, gates=gates)
+    about = {"noise_level": 0.05, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
     (folder / "diagnosis.json").write_text(json.dumps({"schema": "pido.diagnosis/1", "findings": [finding]}))
-    (folder / "model.json").write_text(json.dumps({"schema": "pido.diagnosis.model/1", "axes": {"x": axis}, **more}))
+    (folder / "model.json").write_text(json.dumps({"schema": "pido.diagnosis.model/1", "axes": {axis: about}, **more}))
     return folder
 
 
@@ -65,27 +72,71 @@ def test_an_accepted_finding_is_fitted_with_its_true_amplitude(tmp_path):
 def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_back(tmp_path, recipe):
     place = Workspace.open(tmp_path / "plant")
     accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
-    physics = accepted.terms(place, MACHINE)
-    recipe = Recipe(recipe.method, extended=accepted.term_sets(physics, recipe.method.adaptive))
+    own = accepted.terms(place, MACHINE)
+    plainly, recipe = recipe, Recipe(recipe.method, extended=accepted.term_sets(own, recipe.method.adaptive))
     found = refit(rows(600), MACHINE, recipe, 0)
-    assert physics[0][0].name in found.choice.near[0].terms.id
-    again = equation_files.load(equation_files.dump(found), MACHINE, physics)
+    assert own[0][0].name in found.choice.near[0].terms.id
+    assert found.choice.near[1:] == refit(rows(600), MACHINE, plainly, 0).choice.near[1:]
+    again = equation_files.load(equation_files.dump(found), MACHINE, own)
     assert again.choice.near == found.choice.near
 
 
 @pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in accepted.INSTANT], ids=lambda m: m.id)
-def test_every_form_of_every_mechanism_that_may_be_accepted_has_columns_for_rows(tmp_path, mechanism):
-    place = Workspace.open(tmp_path / "plant")
+def test_every_form_of_every_mechanism_that_may_be_accepted_has_columns_for_rows(mechanism):
     samples = rows(50)
     points = [dict(zip([p.name for p in mechanism.shape], values, strict=True))
               for values in itertools.product(*(p.values or (1.0,) for p in mechanism.shape))]  # fmt: skip
-    for k, shape in enumerate(points):
-        folder = diagnosis(tmp_path / f"d{k}", mechanism=mechanism.id, shape=shape)
-        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
-    for term, _ in accepted.terms(place, MACHINE):
+    for shape in points:
+        term, size = accepted.as_term("x", "x", term_of(mechanism.id, shape, len(mechanism.amplitudes)), MACHINE)
         columns = term.columns(samples)
-        assert columns.shape[0] == len(samples)
+        assert columns.shape == (len(samples), size)
         assert np.isfinite(columns).all()
+
+
+@pytest.mark.parametrize(
+    ("axis", "mechanism", "shape", "by"),
+    [
+        ("x", "miscalibrated:viscous_friction", {}, "v_x"),
+        ("sp", "spindle_inertia", {}, "a_sp"),
+        ("y", "coulomb_friction", {"rest": 1.0, "v_0": 0.1}, r"held\(v_y\)"),
+        ("x", "axis_coupling", {"source": 4.0}, "v_y"),
+    ],
+)
+def test_what_the_equation_is_made_of_is_not_accepted_into_it(tmp_path, axis, mechanism, shape, by):
+    place = Workspace.open(tmp_path / "plant")
+    folder = diagnosis(tmp_path / "d", mechanism, shape=shape, axis=axis)
+    with pytest.raises(DiagnosisError, match=rf"{axis} {mechanism} is in the equation already, by {by}\. .*correct"):
+        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    assert journal(place, MACHINE.id) == []
+    printed = Workspace.open(tmp_path / "printed", method="paper")  # these 17 terms are others
+    assert accepted.accept(printed, MACHINE.id, folder, 1, by="A", reason="seen").action == "accept"
+
+
+def test_what_only_some_parts_cannot_tell_from_the_equation_is_accepted(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    gate = {"variable": "v_x", "low": 0.0, "high": 5.0}
+    for k, (mechanism, gates) in enumerate([("viscous_friction", [gate]), ("coulomb_friction", [])]):
+        shape = {} if gates else {"rest": 0.0, "v_0": 0.1}
+        folder = diagnosis(tmp_path / f"d{k}", mechanism, shape=shape, gates=gates)
+        accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    both = diagnosis(tmp_path / "both", "standstill_friction", shape={"rest": 0.0})
+    with pytest.raises(DiagnosisError, match=r"by held\(v_x\), x coulomb_friction"):  # the one less the other
+        accepted.accept(place, MACHINE.id, both, 1, by="A", reason="seen")
+
+
+def test_the_same_physics_is_in_force_once_per_axis(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    old = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d1"), 1, by="A", reason="seen")
+    again = diagnosis(tmp_path / "d2", shape={"v_s": 3.0, "delta": 1.0})
+    with pytest.raises(DiagnosisError, match=rf"in force already, as {old.id} .*--revoke {old.id} --by"):
+        accepted.accept(place, MACHINE.id, again, 1, by="A", reason="seen")
+    other = diagnosis(tmp_path / "d3", axis="y")
+    assert accepted.accept(place, MACHINE.id, other, 1, by="A", reason="seen").axis == "y"
+    accepted.revoke(place, MACHINE.id, old.id, by="A", reason="the new one fits better")
+    accepted.accept(place, MACHINE.id, again, 1, by="A", reason="seen")
+    assert [term.name.split()[:2] for term, _ in accepted.terms(place, MACHINE)] == [
+        ["y", "stribeck_friction"], ["x", "stribeck_friction"],
+    ]  # fmt: skip
 
 
 def test_a_state_is_known_by_the_physics_in_force(tmp_path):
@@ -182,3 +233,53 @@ def test_who_decides_has_a_name_and_the_credential_that_approval_asks_for(tmp_pa
     monkeypatch.setenv(TOKEN, "")
     with pytest.raises(RegistryError, match="credential"):
         accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="seen")
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (
+            0.0804,
+            r"off by 0\.0804 A with it and by 0\.0782 A without: it makes the equation worse \(\+2\.8%\).*--revoke",
+        ),
+        (0.0780, r"changes little \(-0\.3%\)"),
+        (0.0391, r"helps \(-50\.0%\)"),
+    ],
+)
+def test_what_accepted_physics_brings_is_said_in_words_and_that_it_loses_too(tmp_path, error, says):
+    place = Workspace.open(tmp_path / "plant")
+    entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    ((term, size),) = accepted.terms(place, MACHINE)
+    tried = tuple(Candidate(terms, EVERYWHERE) for terms in (HELD, HELD.extended(term, size)))
+    scores = np.full((2, 2, 4), np.nan)
+    scores[0, :, 0], scores[0, 0, 1:] = (0.0782, error), 0.1
+    best = tried[int(error < 0.07)]
+    choice = Choice((best, *[tried[0]] * 3), (tried[0],) * 4, None, scores, tuple(map(str, tried)))
+    found = physics(choice, [term])
+    assert found["held_out"] == {"x": {"without": 0.0782, "with": error}}
+    (words,) = found["words"]
+    assert re.search(f"x stribeck_friction {entry.id}.*{says}", words)
+    assert ("the equation chosen does without" in words) == (error > 0.07)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::ResourceWarning")
+def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_brought(tmp_path):
+    from pido.cli.iterate import command
+    from pido.tracking.mlflow_store import client, experiment
+
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / "workspace.toml").write_text("compare = false\n[method]\ncompare_with_model = false\n")
+    place = Workspace.open(tmp_path / "plant")
+    part = next(made_up(1)).rows(slice(0, 600))
+    plain.run(place, [write_folder(part, tmp_path / "given" / "p")], None, lambda *a: None)
+    entry = accepted.accept(place, "cmx600v", diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
+    shown = CliRunner().invoke(command, ["--workspace", str(place.root)])
+    assert shown.exit_code == 0
+    with client(place) as store:
+        runs = store.search_runs([experiment(place, store, "cmx600v")], order_by=["attributes.start_time"])
+    assert [run.data.tags["pido.physics"] for run in runs] == ["none", f"x stribeck_friction {entry.id}"]
+    line = f"Accepted physics of x stribeck_friction {entry.id}: on rows held out"
+    assert line in shown.output
+    assert [line in run.data.tags["mlflow.note.content"] for run in runs] == [False, True]
+    assert {"accepted_physics_x/with", "accepted_physics_x/without"} <= set(runs[1].data.metrics)
+    assert not any(name.startswith("accepted_physics_y") for name in runs[1].data.metrics)

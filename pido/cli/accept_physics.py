@@ -31,8 +31,11 @@ def command(
 
     DIAGNOSIS is the folder that `pido diagnose --out` wrote, or a workspace's diagnosis/MACHINE.
 
-    Every acceptance and revocation is a line of the workspace's journal. `pido iterate` without parts retrains at once;
-    the run in MLflow then says what the extended equation gained on rows left out.
+    Refused is what the equation has already: a term of its own, whose size each iteration fits, or the same mechanism
+    on the same axis, until that is revoked.
+
+    Every acceptance and revocation is a line of the workspace's journal. `pido iterate` without parts retrains at once,
+    and says what the extended equation gained or lost on rows left out; the run in MLflow says so too.
 
     \b
     pido accept-physics diagnosis --finding x:stribeck_friction --by "A. Ito" --reason "on 3 parts" --workspace plant

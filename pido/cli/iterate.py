@@ -95,6 +95,8 @@ def _say(answer: dict[str, Any], as_json: bool) -> None:
         for axis, measured in one["metrics"].items():
             said = "   ".join(f"{name} {m['rmse']:.4g}" for name, m in measured.items())
             click.echo(f"  {axis:<3} RMSE in A: {said}")
+        for words in one.get("physics", {}).get("words", []):
+            click.echo(f"  {words}")
         click.echo(f"  gate: {one['gate']['words']}")
     if answer["known"]:
         click.echo(f"{answer['known']} part(s) known already: nothing to do")

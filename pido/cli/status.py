@@ -27,6 +27,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     from pido.physics_journal import in_force, journal
     from pido.tracking import promotion
     from pido.tracking.ledger import Ledger
+    from pido.tracking.moved import left_behind
 
     workspace = existing(folder)
     ledger = Ledger(workspace.ledger)
@@ -49,6 +50,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         "rejected": [{"name": a.name, "reason": a.reason} for a in ledger.rejections()],
         "still_to_do": [asdict(one) for one in standing(workspace)],
         "not_in_mlflow_yet": len(ledger.not_logged()),
+        "mlflow_looks_in": left_behind(workspace),
     }
     if as_json:
         click.echo(json.dumps(answer, indent=1, sort_keys=True))
@@ -79,3 +81,5 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         click.echo(f"still to do  {Path(one['path']).name}, tried {one['tries']} time(s): {one['reason']}")
     if answer["not_in_mlflow_yet"]:
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) wait to be logged to MLflow")
+    for there in answer["mlflow_looks_in"]:
+        click.echo(f"MLflow looks for artifacts in {there}, where this workspace was; `pido iterate` puts that right")

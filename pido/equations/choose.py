@@ -70,7 +70,8 @@ class Choice:
 
     near, beyond : one candidate per axis for bins that hold samples, and for bins that hold none
     held_out : errors of the chosen candidates on rows that their fits had not seen, in either position
-    scores : (2, candidates, 4), A – held-out RMSE of every candidate, near and beyond; tried : their names
+    scores : (2, candidates, 4), A – held-out RMSE of every candidate, near and beyond, NaN on an axis for which it has
+        nothing of its own; tried : their names
     """
 
     near: tuple[Candidate, ...]
@@ -257,7 +258,8 @@ def _errors(
             for c, candidate in enumerate(tried):
                 if candidate.terms == terms and len(rest):
                     equations = fit_local_from(rest, bins[k], kernels=[candidate.kernel] * 4, grid=grid, blend=True)
-                    errors[c, start:stop] = scored[k].currents - equations.predict(scored[k])
+                    own = [terms.concerns(axis) for axis in AXES]
+                    errors[c, start:stop] = np.where(own, scored[k].currents - equations.predict(scored[k]), np.nan)
             start = stop
     points = np.concatenate([scored[k].reduced for k in labels]) if labels else np.zeros((0, 3))
     near = [covered(scored[k].reduced, samples.take(fold != k).reduced, coverage) for k in labels]
@@ -276,12 +278,13 @@ def _plainest(errors: np.ndarray, group: Int1D) -> tuple[list[int], Float2D]:
             best.append(0)
             continue
         # paired: what matters is the scatter of the difference, not that of the stretches themselves
-        excess = square[:, :, axis] - square[:, [int(np.nanargmin(mean))], axis]
+        asked = np.flatnonzero(np.isfinite(mean))
+        excess = square[:, asked, axis] - square[:, [int(np.nanargmin(mean))], axis]
         excess = excess[np.isfinite(excess).all(axis=1)]
-        error = np.std(excess, axis=0, ddof=1) / np.sqrt(len(excess)) if len(excess) > 1 else np.zeros(len(mean))
+        error = np.std(excess, axis=0, ddof=1) / np.sqrt(len(excess)) if len(excess) > 1 else np.zeros(len(asked))
         # few stretches scatter so much that one standard error excuses anything: a tenth of the error is the most
         allowed = np.minimum(error, 0.1 * np.nanmin(mean) ** 2)
-        best.append(int(np.flatnonzero(excess.mean(axis=0) <= allowed)[0]))
+        best.append(int(asked[np.flatnonzero(excess.mean(axis=0) <= allowed)[0]]))
     return best, scores
 
 

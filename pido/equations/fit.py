@@ -248,11 +248,11 @@ class _Evidence(ABC):
             if not counts.sum():
                 continue
             sums, n = self.total(which)[columns(p, axes)], np.array([float(counts.sum())])
-            keep = excited(sums, p, self.terms.constant)
-            one = solve(WeightedSums(sums[None], n, n), keep, self.terms.constant, self.terms.floor)
+            keep, own = excited(sums, p, self.terms.constant), self.terms.own(AXES[axes[0]])
+            one = solve(WeightedSums(sums[None], n, n), keep, self.terms.constant, self.terms.floor, own=own)
             coefficients[axes], factor[axes], noise[axes] = one.coefficients[0], one.factor[0], one.noise[0]
             effective[axes], rank[axes] = one.effective[0], one.rank[0]
-            lost |= {name for name, kept in zip(self.terms.names, keep, strict=True) if not kept}
+            lost |= {self.terms.names[k] for k in np.flatnonzero(own & ~keep)}
         dropped = tuple(name for name in self.terms.names if name in lost)
         log.debug("global equation '%s': %d samples, rank %s, dropped: %s", self.terms.id, len(self.counts),
                   dict(zip(AXES, rank.tolist(), strict=True)), ", ".join(dropped) or "none")  # fmt: skip
@@ -276,7 +276,8 @@ class _Evidence(ABC):
             if not (sums.total > 0).all():
                 raise FitError(f"{kernel} leaves a bin without any weight: give beta a small positive value.")
             base = overall.coefficients[axes]
-            one = solve(sums, keep, self.terms.constant, self.terms.floor, base)
+            own = self.terms.own(AXES[axes[0]])
+            one = solve(sums, keep, self.terms.constant, self.terms.floor, base, own)
             coefficients[axes] = one.coefficients.transpose(1, 0, 2)
             effective[axes], rank[axes], noise[axes] = one.effective, one.rank, one.noise.T
             share[axes] = kernel.beta * counts.sum() / sums.total
@@ -291,11 +292,12 @@ class _Evidence(ABC):
         )  # fmt: skip
 
     def _groups(self, kernels: Sequence[Kernel] | None) -> list[tuple[list[int], Int1D | None]]:
-        """Axes that share weights and samples, so that one Gram matrix serves them all."""
+        """Axes that share weights, samples and columns, so that one Gram matrix serves them all."""
         groups: dict[object, tuple[list[int], Int1D | None]] = {}
         for axis in range(4):
             which = self.subset(axis)
-            key = (None if kernels is None else kernels[axis], None if which is None else which.tobytes())
+            own = self.terms.own(AXES[axis]).tobytes()
+            key = (None if kernels is None else kernels[axis], None if which is None else which.tobytes(), own)
             groups.setdefault(key, ([], which))[0].append(axis)
         return list(groups.values())
 

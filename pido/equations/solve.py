@@ -48,10 +48,14 @@ def excited(sums: Float1D, p: int, constant: int) -> Bool1D:
     return keep
 
 
-def solve(weighted: WeightedSums, keep: Bool1D, constant: int, floor: float, around: Float2D | None = None) -> Solution:
+def solve(
+    weighted: WeightedSums, keep: Bool1D, constant: int, floor: float, around: Float2D | None = None,
+    own: Bool1D | None = None,
+) -> Solution:  # fmt: skip
     """Coefficients of each bin for the axes that its sums hold; columns outside `keep` get zero.
 
     around : (axes, p) – coefficients (of the global equation) that `moved` is measured from
+    own : (p,) – columns that are in the equation of these axes; the others have no leverage either. None: all
     """
     p, b = len(keep), len(weighted.total)
     axes = weighted.sums.shape[1] // (p + 1) - p // 2  # of p (p + 1) / 2 + axes (p + 1) entries
@@ -62,11 +66,12 @@ def solve(weighted: WeightedSums, keep: Bool1D, constant: int, floor: float, aro
     rank, residual, moved = np.zeros(b, np.int64), np.empty((b, axes)), np.empty((b, axes))
     # kept columns first: their part of the factor solves the fit, and the whole of it is the leverage, so that a row
     # which moves a column that no sample moved has next to no support
-    columns = np.r_[np.flatnonzero(keep), np.flatnonzero(~keep)]
+    there = np.ones(p, bool) if own is None else own
+    columns = np.r_[np.flatnonzero(keep & there), np.flatnonzero(~keep & there)]
     half = -(-b // 2)
     in_threads(
         lambda rows: _solve(
-            weighted.sums[rows], weighted.total[rows], ridge, columns, int(keep.sum()), around,
+            weighted.sums[rows], weighted.total[rows], ridge, columns, int((keep & there).sum()), around,
             coefficients[rows], factor[rows], rank[rows], residual[rows], moved[rows],
         ),
         [slice(0, half), slice(half, None)],
@@ -80,19 +85,19 @@ def solve(weighted: WeightedSums, keep: Bool1D, constant: int, floor: float, aro
 
 @numba.njit(nogil=True, cache=True)
 def _solve(sums, total, ridge, columns, kept, around, coefficients, factor, rank, residual, moved):
-    m, axes = len(columns), len(around)
-    gram, right, square = np.empty((m, m)), np.empty((axes, m)), np.empty(axes)
+    p, m, axes = len(ridge), len(columns), len(around)
+    gram, right, square = np.empty((p, p)), np.empty((axes, p)), np.empty(axes)
     # up[k, i] is the Cholesky factor's entry (i, k), inverse[i, k] that of its inverse: the innermost loops run along
     # memory, and each sum is taken in the order of k
     d, up, inverse, rest, y = np.empty(m), np.empty((m, m)), np.empty((m, m)), np.empty(m), np.empty(m)
     for b in range(len(sums)):
         packed = 0
-        for i in range(m):
-            for j in range(i, m):
+        for i in range(p):
+            for j in range(i, p):
                 gram[i, j] = gram[j, i] = sums[b, packed] / total[b]
                 packed += 1
         for a in range(axes):
-            for i in range(m):
+            for i in range(p):
                 right[a, i] = sums[b, packed] / total[b]
                 packed += 1
         for a in range(axes):
@@ -133,9 +138,9 @@ def _solve(sums, total, ridge, columns, kept, around, coefficients, factor, rank
                 y[i] = s / up[i, i] if up[i, i] > 0.0 else 0.0
                 coefficients[b, a, columns[i]] = y[i] * d[i]
             c, error, away = coefficients[b, a], square[a], 0.0
-            for i in range(m):
+            for i in range(p):
                 fitted, beside = 0.0, 0.0
-                for j in range(m):
+                for j in range(p):
                     fitted += gram[i, j] * c[j]
                     beside += gram[i, j] * (c[j] - around[a, j])
                 error += c[i] * (fitted - 2.0 * right[a, i])

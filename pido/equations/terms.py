@@ -15,7 +15,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.core.columns import INPUTS
 from pido.core.errors import FitError
@@ -27,10 +27,13 @@ _AT = {name: k for k, name in enumerate(INPUTS)}
 
 @runtime_checkable
 class ExtraTerm(Protocol):
-    """Accepted physics that an equation is extended by. `columns` is (n, k), A per unit of its amplitude."""
+    """Accepted physics of one axis, whose equation it extends. `columns` is (n, k), A per unit of its amplitude."""
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def axis(self) -> str: ...
 
     def columns(self, samples: Samples) -> Float2D: ...
 
@@ -71,8 +74,18 @@ class TermSet:
         """(p,): what each column is divided by; 1 for extra terms, whose amplitudes are in A already."""
         return np.r_[self._ranges(machine), np.ones(sum(self.extra_sizes))]
 
+    def own(self, axis: str) -> Bool1D:
+        """(p,): columns of the equation of `axis`. What was found on one axis is no part of another's equation."""
+        sizes = zip(self.extras, self.extra_sizes, strict=True)
+        extras = [term.axis == axis for term, size in sizes for _ in range(size)]
+        return np.array([True] * (len(self) - len(extras)) + extras)
+
+    def concerns(self, axis: str) -> bool:
+        """Whether it is anything of its own for `axis`, rather than the equation that it extends."""
+        return not self.extras or any(term.axis == axis for term in self.extras)
+
     def extended(self, term: ExtraTerm, size: int = 1) -> TermSet:
-        """This equation with one more piece of physics, whose `columns` are (n, size)."""
+        """This equation with one more piece of physics of one axis, whose `columns` are (n, size)."""
         more = (term.name,) if size == 1 else tuple(f"{term.name} [{k}]" for k in range(size))
         if set(more) & set(self.names):
             raise FitError(f"the equation already has a term named '{term.name}'.")

@@ -134,10 +134,11 @@ def adapt(
 
 
 def _as_printed(extended: Sequence[TermSet]) -> Choice:
-    """Table 2 for all axes; with accepted physics, the last of the extended equations in place of the 17 terms."""
-    if not extended:
-        return PAPER_CHOICE
-    own = tuple(replace(candidate, terms=extended[-1]) for candidate in PAPER_CHOICE.near)
+    """Table 2 for all axes; where physics was accepted, the last of the extended equations in place of the 17 terms."""
+    own = tuple(
+        replace(candidate, terms=extended[-1]) if extended and extended[-1].concerns(axis) else candidate
+        for axis, candidate in zip(AXES, PAPER_CHOICE.near, strict=True)
+    )
     return replace(PAPER_CHOICE, near=own, beyond=own)
 
 

@@ -150,6 +150,8 @@ def learn(
     share, error, gain = none.share.copy(), none.error.copy(), [0.0] * 4
     for i in range(4):
         for c, terms in enumerate(tried):
+            if not terms.concerns(AXES[i]):
+                continue
             sums = along[c, :, i], square[c, :, i], count[:, i]
             ratio = _ratios(base[:, i].sum(axis=1), *sums, kind)
             if ratio - 1.0 < min(gain[i], _GAIN - 1.0):

@@ -109,6 +109,7 @@ def _write(
         "pido.part_digest": summary["part"]["digest"],
         "pido.bundle": summary["bundle"],
         "pido.code": summary["code"],
+        "pido.physics": ", ".join(summary.get("physics", {}).get("accepted", [])) or "none",
         **{f"pido.data.{name}": str(d["digest"]) for name, d in summary["data"].items()},
         "mlflow.note.content": _note(summary, iteration.version),
     }
@@ -234,5 +235,6 @@ def _note(summary: dict[str, Any], version: int) -> str:
         f"{len(summary['parts'])} part(s). Gate: {summary['gate'].get('words', '')}",
         "",
         *markdown(summary["metrics"]),
+        *(f"\n{words}" for words in summary.get("physics", {}).get("words", [])),
     ]
     return "\n".join(lines)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from pido.core.axes import AXES
 from pido.core.names import file_name
+from pido.tracking.moved import FOLDER, settle
 from pido.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def client(workspace: Workspace) -> Iterator[MlflowClient]:
         mlflow.set_registry_uri(uri)
     if uri.startswith("sqlite:"):
         with workspace.lock("mlflow"):
+            settle(workspace)
             yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
     else:
         yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
@@ -78,7 +80,7 @@ def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:
             store.set_experiment_tag(found.experiment_id, KIND, TRAINING)
         return found.experiment_id
     embedded = workspace.tracking_uri.startswith("sqlite:")
-    place = (workspace.root / "mlartifacts" / file_name(machine)).as_uri() if embedded else None
+    place = (workspace.root / FOLDER / file_name(machine)).as_uri() if embedded else None
     return store.create_experiment(name, artifact_location=place, tags={KIND: TRAINING})
 
 

@@ -295,7 +295,7 @@ def test_friction_that_rises_towards_rest_is_described_by_terms_that_fall_with_s
 
 
 class _Ripple:
-    name = "ripple"
+    name, axis = "ripple", "x"
 
     def columns(self, samples):
         return np.sin(samples.inputs[:, 0])[:, None]
@@ -305,9 +305,34 @@ def test_an_accepted_term_joins_the_equation_and_takes_its_amplitude():
     samples = rows(800, noise=0.01)
     extra = replace(samples, currents=samples.currents + 0.7 * np.sin(samples.inputs[:, :1]))
     fit = fit_global(extra, MILL, HELD.extended(_Ripple()))
-    np.testing.assert_allclose(fit.coefficients[:, -1], 0.7, atol=0.01)
+    np.testing.assert_allclose(fit.coefficients[0, -1], 0.7, atol=0.01)
     tried = candidates(HELD.extended(_Ripple()))
     assert any(c.terms.id == "held+ripple" for c in tried)
+
+
+@pytest.mark.parametrize("way", ["one for all", "exact", "statistics", "some axes not recorded"])
+def test_an_accepted_term_changes_no_axis_but_its_own(way):
+    samples = rows(800, noise=0.01)
+    currents = samples.currents + 0.7 * np.sin(samples.inputs[:, :1])
+    if way == "some axes not recorded":
+        currents[:300, 1] = np.nan
+    samples = replace(samples, currents=currents)
+    bins = relevant_bins(samples.reduced, EQUATION_GRID)[::50]
+
+    def fit(terms):
+        if way == "one for all":
+            return fit_global(samples, MILL, terms)
+        moments = Moments(terms, MILL)
+        moments.add(samples)
+        return fit_local_from(moments, bins) if way == "statistics" else fit_local(samples, bins, MILL, terms=terms)
+
+    plain, extended = fit(HELD), fit(HELD.extended(_Ripple()))
+    for said in ("predict", "leverage") if way == "one for all" else ("predict",):
+        before, after = (getattr(equation, said)(samples) for equation in (plain, extended))
+        np.testing.assert_allclose(after[:, 1:], before[:, 1:], rtol=1e-9, atol=1e-9)
+        assert np.abs(after[:, 0] - before[:, 0]).max() > 1e-4
+    assert plain.terms.concerns("y")
+    assert not extended.terms.concerns("y")
 
 
 def test_a_missing_input_is_refused_by_name():
