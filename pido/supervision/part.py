@@ -223,10 +223,10 @@ class Expectation:
         return support(self.workspace, self.bundle.content["parts"], recipe_of(self.workspace)).distance(inputs)
 
     def band(self, tolerate: float, without: str = "") -> Band:
-        """From the held-out residuals of the machine's other parts, with what people said of their alarms; without
-        parts that could not be judged, unless there are no others."""
+        """From the held-out residuals that this model has on the machine's other parts, with what people said of their
+        alarms; without parts that could not be judged, unless there are no others."""
         book = Book(self.workspace, self.machine)
-        known = known_residuals(self.workspace, self.machine, without)
+        known = known_residuals(self.workspace, self.machine, self.bundle, self.models, without)
         unjudged = book.unjudged()
         judged = [part for part in known if part.part not in unjudged]
         if known and not judged:
