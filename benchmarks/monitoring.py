@@ -96,7 +96,7 @@ def campaign(kind: str, seed: int, watched: int) -> dict[int, Counts]:
         counts = Counts()
         for i in range(3, len(parts)):
             good = _residuals(parts[i], samples[i], models, near, mill.machine)
-            counts += Counts(good=1, alarmed=not judge(good, band).good)
+            counts += Counts(good=1, alarmed=bool(judge(good, band).alarms))
             counts += Counts(peer_alarmed=kind == "series" and _envelope(parts[:known], parts[i]))
             found = changed[i]
             if found is None:

@@ -24,6 +24,7 @@ from pido.core.samples import Samples
 from pido.departures import key_of
 from pido.files.samples import load_samples, save_samples
 from pido.iteration import Recipe
+from pido.monitoring.records import name_in
 from pido.preparation import job_of, prepare
 from pido.recordings import read_recording
 from pido.recordings.check import check, usable_mask
@@ -31,7 +32,7 @@ from pido.recordings.faults import ERROR
 from pido.recordings.resample import resample
 from pido.store import Entry, Store
 from pido.tracking.ledger import Ledger
-from pido.workspace import BY_NAME, Workspace, code_version, digest_of
+from pido.workspace import Workspace, code_version, digest_of
 
 log = logging.getLogger(__name__)
 _KEPT = ("time", "pos_x", "pos_y", "pos_z", "pos_sp", "nc_line", "tool_id", "coolant")
@@ -99,7 +100,7 @@ def samples_of(workspace: Workspace, digest: str) -> Samples:
     samples = load_samples(path)
     entry = entry_of(workspace, digest)
     excluded = workspace.excluded(entry.machine)
-    stretches = [*excluded.get(digest, ()), *excluded.get(f"{BY_NAME}{entry.part}", ())]
+    stretches = [at for key, where in excluded.items() if entry.part == name_in(key) or key == digest for at in where]
     if not stretches:
         return samples
     time = at_rate(workspace, Store(workspace.store).load(digest, ())).time[samples.row]

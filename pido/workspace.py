@@ -44,7 +44,6 @@ from pido.core.machining import Job, MeshStock
 from pido.core.names import file_name
 from pido.monitoring import records
 
-BY_NAME = "name:"
 _METHOD = ("core", "physics", "process", "recordings", "feature_space", "equations", "sampling", "models")
 
 
@@ -220,7 +219,7 @@ class Workspace:
         """What an iteration over the *set* `parts` (digests) is known by: parts, settings, seed, code, and what of them
         people said not to learn from."""
         excluded = {
-            part: where for part, where in self.excluded(machine).items() if part in parts or part.startswith(BY_NAME)
+            part: where for part, where in self.excluded(machine).items() if part in parts or records.name_in(part)
         }
         return digest_of(
             {
@@ -239,7 +238,7 @@ class Workspace:
         return self.monitor / file_name(machine) / "book.jsonl"
 
     def excluded(self, machine: str) -> records.Stretches:
-        """Part digest (or BY_NAME and its name, where it was watched before its content was known) -> stretches
+        """Part digest (or what stands for it where it was followed, `monitoring.records.name_in`) -> stretches
         [start, end], s, of alarms that were answered as true: not to be learnt from."""
         return self.planned[machine] if machine in self.planned else records.excluded(self.book(machine))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,37 +35,48 @@ class Alarm:
     spreads: float  # the same in spreads of this tool and block
 
 
+LEAST_JUDGED = 0.5
+"""Share of a part's windows that has to be judged before a part without an alarm is called good."""
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A part is good where it has no alarm. `unwatched` axes have no band or no recording; `judged` is the share of the
-    part's windows that the others could be judged on, the rest being unlike anything that was seen before."""
+    """What can be said of a part. `unwatched` axes have no band or no recording. Of the `windows` of the others, added
+    up, the share `judged` could be judged; the rest is unlike anything that was seen before."""
 
     part: str
-    good: bool
     alarms: tuple[Alarm, ...]
     unwatched: tuple[str, ...]
-    judged: float = 1.0
+    windows: int
+    judged: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether so much of the part was judged that silence says something."""
+        return self.judged >= LEAST_JUDGED
+
+    @property
+    def good(self) -> bool:
+        """No alarm, and enough was judged."""
+        return not self.alarms and self.enough
 
 
 def judge(part: PartResiduals, band: Band) -> Verdict:
     """All alarms of a part, in order of time."""
     alarms: list[Alarm] = []
     watched = [a for a in band.axes if np.isfinite(part.residual[:, AXES.index(a)]).any()]
-    shares = []
+    width = window_samples(part.rate_hz, band.window_s)
+    windows = judged = 0
     for axis in watched:
         z = standardise(part, axis, band)
-        there = np.isfinite(
-            window_mean(part.residual[:, AXES.index(axis)], window_samples(part.rate_hz, band.window_s))
-        )
-        shares.append(np.isfinite(z).sum() / max(there.sum(), 1))
+        windows += int(np.isfinite(window_mean(part.residual[:, AXES.index(axis)], width)).sum())
+        judged += int(np.isfinite(z).sum())
         with np.errstate(invalid="ignore"):
             outside = np.abs(z) > band.axes[axis].threshold
-        alarms += [
-            _alarm(part, axis, run, z, band) for run in _runs(outside, window_samples(part.rate_hz, band.window_s))
-        ]
+        alarms += [_alarm(part, axis, run, z, band) for run in _runs(outside, width)]
     alarms.sort(key=lambda a: a.t_start)
     unwatched = tuple(a for a in AXES if a not in watched)
-    return Verdict(part.part, not alarms, tuple(alarms), unwatched, float(np.mean(shares)) if shares else 0.0)
+    return Verdict(part.part, tuple(alarms), unwatched, windows, judged / max(windows, 1))
 
 
 class Watch:
@@ -77,6 +89,13 @@ class Watch:
         self._rate_hz = rate_hz
         self._last = {axis: deque[tuple[float, Float1D | None]](maxlen=self._width) for axis in band.axes}
         self._engaged = dict.fromkeys(band.axes, 0)
+        self._seen: set[str] = set()
+        self._windows = self._judged = 0
+
+    def verdict(self, part: str, alarms: Sequence[Alarm]) -> Verdict:
+        """What can be said of the part so far, `alarms` being those that were raised."""
+        unwatched = tuple(axis for axis in AXES if axis not in self._seen)
+        return Verdict(part, tuple(alarms), unwatched, self._windows, self._judged / max(self._windows, 1))
 
     def push(
         self,
@@ -98,12 +117,15 @@ class Watch:
                 self._engaged[axis] = 0
                 continue
             self._engaged[axis] += 1
+            self._seen.add(axis)
             last.append((value, None if states is None else states[axis]))
             if len(last) < self._width:
                 continue
             # Summed anew: a running sum drifts over a shift, and a window is a few dozen numbers.
             mean = math.fsum(v for v, _ in last) / self._width
             low, high = self._band.limits(axis, tool, block, self._program, *self._expected(axis))
+            self._windows += 1
+            self._judged += math.isfinite(low)
             if not low <= mean <= high and math.isfinite(low):
                 beyond = mean - 0.5 * (low + high)
                 outside[axis] = (2 * self._band.axes[axis].threshold * beyond / (high - low), beyond)

@@ -15,8 +15,28 @@ from typing import Any
 
 log = logging.getLogger(__name__)
 Record = dict[str, Any]
+BY_NAME, FOLLOWED = "name:", "followed:"
 Stretches = dict[str, list[list[float]]]
 """By a part's digest: [start, end], s, in order."""
+
+
+def followed_as(part: str, began: str) -> str:
+    """Stands for the digest of a part that is followed, whose content is not known before it has ended.
+
+    began : digest of its beginning; a recorder may write every part into a file of the same name
+    """
+    return f"{FOLLOWED}{began}:{part}"
+
+
+def name_in(digest: str) -> str | None:
+    """The name that a part was followed under; None where `digest` is one of content.
+
+    >>> name_in(followed_as("p07", "3fa94c01be")), name_in("3fa94c01be"), name_in("name:p06")  # the last: older books
+    ('p07', None, 'p06')
+    """
+    if digest.startswith(FOLLOWED):
+        return digest.split(":", 2)[2]
+    return digest.removeprefix(BY_NAME) if digest.startswith(BY_NAME) else None
 
 
 def read(path: Path) -> list[Record]:
@@ -37,14 +57,25 @@ def read(path: Path) -> list[Record]:
 def alarms(records: Sequence[Record]) -> dict[str, Record]:
     """By identifier: those of every part's newest verdict, and older ones that were answered."""
     answered = said(records)
-    verdicts = [r for r in records if r["kind"] == "verdict"]
-    newest = {r["digest"]: r for r in verdicts}
+    newest = {r["digest"]: r for r in records if r["kind"] == "verdict"}
+    current = {alarm["id"] for record in newest.values() for alarm in record["alarms"]}
+    return {name: alarm for name, alarm in raised(records).items() if name in current or name in answered}
+
+
+def raised(records: Sequence[Record]) -> dict[str, Record]:
+    """By identifier: every alarm there ever was, as it was said last."""
     return {
         alarm["id"]: {**alarm, "part": record["part"], "digest": record["digest"]}
-        for record in verdicts
+        for record in records
+        if record["kind"] == "verdict"
         for alarm in record["alarms"]
-        if record is newest[record["digest"]] or alarm["id"] in answered
     }
+
+
+def unjudged(records: Sequence[Record]) -> set[str]:
+    """Digests of parts that no alarm and no verdict speaks of: their newest says neither good nor what was wrong."""
+    newest = {r["digest"]: r for r in records if r["kind"] == "verdict"}
+    return {digest for digest, record in newest.items() if not record["good"] and not record["alarms"]}
 
 
 def said(records: Sequence[Record]) -> dict[str, Record]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import unquote
@@ -22,6 +22,8 @@ from pido.core.errors import RegistryError
 from pido.monitoring import records
 from pido.monitoring.alarms import Alarm
 from pido.monitoring.answers import Answer
+from pido.store import Store
+from pido.tracking.ledger import Ledger
 from pido.tracking.promotion import check_person
 from pido.workspace import Workspace, digest_of
 
@@ -53,7 +55,7 @@ class Book:
         credential that approval asks for: an answer decides what the next models learn from.
         """
         check_person(self._workspace, by, reason)
-        known = self.alarms()
+        known = self.raised()
         if alarm not in known:
             raise RegistryError(f"machine {self.machine}: no alarm '{alarm}'. Known: {', '.join(known) or 'none'}.")
         self._append({"kind": "answer", "alarm": alarm, "true": true, "by": by, "reason": reason})
@@ -63,11 +65,17 @@ class Book:
         """By identifier: those of every part's newest verdict, and older ones that were answered."""
         return records.alarms(self.records())
 
+    def raised(self) -> dict[str, dict[str, Any]]:
+        """By identifier: all that can be answered, of verdicts that a newer one has replaced too."""
+        return records.raised(self.records())
+
     def answers(self) -> list[Answer]:
         """What was said last of each alarm; `Alarm.part` is the part's digest."""
-        alarms = self.alarms()
+        alarms, stored = self.alarms(), self._stored()
         return [
-            Answer(as_alarm(alarms[i]), r["true"], r["by"], r["reason"]) for i, r in self._said().items() if i in alarms
+            Answer(_as_alarm(alarms[i], stored), r["true"], r["by"], r["reason"])
+            for i, r in self._said().items()
+            if i in alarms
         ]
 
     def answered(self) -> dict[str, str]:
@@ -76,8 +84,23 @@ class Book:
 
     def open_alarms(self) -> list[Alarm]:
         """Alarms that nobody has answered yet, `part` being the digest."""
-        answered = self._said()
-        return [as_alarm(alarm) for name, alarm in self.alarms().items() if name not in answered]
+        answered, stored = self._said(), self._stored()
+        return [_as_alarm(alarm, stored) for name, alarm in self.alarms().items() if name not in answered]
+
+    def unjudged(self) -> set[str]:
+        """Digests of parts of which the newest verdict says that they could not be judged."""
+        stored = self._stored()
+        verdicts = [r for r in self.records() if r["kind"] == "verdict"]
+        return records.unjudged([{**r, "digest": _content(r["digest"], stored)} for r in verdicts])
+
+    def learnt_from(self, digest: str) -> bool:
+        """Whether this part was taken in and went through an iteration, so that model and band know it."""
+        known = Ledger(self._workspace.ledger).iterations(self.machine)
+        return _content(digest, self._stored()) in {iteration.part for iteration in known}
+
+    def _stored(self) -> dict[str, str]:
+        """Digests of the parts that were taken in, by name."""
+        return {e.part: e.digest for e in Store(self._workspace.store).entries(self.machine)}
 
     def _said(self) -> dict[str, dict[str, Any]]:
         return records.said(self.records())
@@ -104,16 +127,21 @@ def alarm_id(machine: str, digest: str, alarm: Alarm) -> str:
     return digest_of([machine, digest, alarm.axis, round(alarm.t_start, 1)])[:10]
 
 
-def as_alarm(record: dict[str, Any]) -> Alarm:
+def _as_alarm(record: dict[str, Any], stored: Mapping[str, str]) -> Alarm:
     """An alarm from its record, its `part` being the digest."""
-    return Alarm(**{**{name: record[name] for name in _ALARM}, "part": record["digest"]})
+    return Alarm(**{**{name: record[name] for name in _ALARM}, "part": _content(record["digest"], stored)})
+
+
+def _content(digest: str, stored: Mapping[str, str]) -> str:
+    """Of a part that was followed: the digest of the one that was taken in under its name, if there is one."""
+    return stored.get(records.name_in(digest) or "", digest)
 
 
 def find_alarm(workspace: Workspace, alarm: str) -> Book:
     """The book that holds an alarm. Raises RegistryError where none does."""
     for path in sorted(workspace.monitor.glob("*/book.jsonl")):
         book = Book(workspace, unquote(path.parent.name))
-        if alarm in book.alarms():
+        if alarm in book.raised():
             return book
     raise RegistryError(
         f"{workspace.root}: no alarm '{alarm}' here. `pido monitor PART` shows the identifiers of its alarms."

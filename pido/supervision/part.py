@@ -10,7 +10,7 @@ of it before it came, and the notes say so.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.models.axis_models import AxisModels
 from pido.models.inputs import model_inputs
-from pido.monitoring.alarms import Alarm, Verdict, judge
+from pido.monitoring.alarms import LEAST_JUDGED, Alarm, Verdict, judge
 from pido.monitoring.answers import to_calibrate_on
 from pido.monitoring.band import Band, learn
 from pido.monitoring.likeness import looks_like
@@ -41,6 +41,8 @@ from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
 log = logging.getLogger(__name__)
+NOT_JUDGED = "not judged"
+"""The third verdict, beside `alarms` and `good`."""
 AROUND_S = 3.0
 """Before and after an alarm, what the residual is compared with signals over: a constant then shows as a step."""
 
@@ -71,23 +73,56 @@ class Judgement:
 
     def record(self) -> dict[str, Any]:
         """As plain values, for the book and for `--json`."""
-        return {
-            "part": self.part,
-            "digest": self.digest,
-            "machine": self.machine,
-            "model": self.model,
-            "good": self.verdict.good,
-            "judged": round(self.verdict.judged, 4),
-            "unwatched": list(self.verdict.unwatched),
-            "band": {
-                "parts": self.band.parts,
-                "threshold": {axis: round(of.threshold, 4) for axis, of in self.band.axes.items()},
-                "tolerate": self.band.tolerate,
-                "window_s": self.band.window_s,
-            },
-            "alarms": [named(a) for a in self.alarms],
-            "notes": list(self.notes),
-        }
+        said = recorded(self.verdict, self.band, self.alarms, self.notes)
+        return {"part": self.part, "digest": self.digest, "machine": self.machine, "model": self.model, **said}
+
+
+def recorded(verdict: Verdict, band: Band, alarms: Sequence[NamedAlarm], notes: Sequence[str]) -> dict[str, Any]:
+    """A verdict as plain values."""
+    return {
+        "good": verdict.good,
+        "verdict": outcome(verdict),
+        "judged": round(verdict.judged, 4),
+        "unwatched": list(verdict.unwatched),
+        "band": {
+            "parts": band.parts,
+            "threshold": {axis: round(of.threshold, 4) for axis, of in band.axes.items()},
+            "tolerate": band.tolerate,
+            "window_s": band.window_s,
+        },
+        "alarms": [named(a) for a in alarms],
+        "notes": list(notes),
+    }
+
+
+def outcome(verdict: Verdict) -> str:
+    """`alarms`, `good`, or NOT_JUDGED: without an alarm, where too little was judged for silence to say something."""
+    return "alarms" if verdict.alarms else "good" if verdict.good else NOT_JUDGED
+
+
+def headline(record: Mapping[str, Any]) -> str:
+    """A verdict's record in a few words.
+
+    >>> headline({"alarms": [], "good": False, "judged": 0.19})
+    'not judged: only 19% of it could be'
+    """
+    only = f"only {record['judged']:.0%} of it could be"
+    if record["alarms"]:
+        few = f"; {only} judged" if record["judged"] < LEAST_JUDGED else ""
+        return f"{len(record['alarms'])} alarm(s){few}"
+    return "nothing unusual" if record["good"] else f"{NOT_JUDGED}: {only}" if record["judged"] else NOT_JUDGED
+
+
+def not_judged(verdict: Verdict, band: Band) -> str:
+    """Why the part, or some of it, could not be judged; empty where all of it was."""
+    if len(verdict.unwatched) == len(AXES):
+        return "no axis has both a recorded current and a band"
+    if not verdict.windows:
+        return f"no stretch with the tool in engagement lasts {band.window_s:g} s, the shortest that is judged"
+    if verdict.judged < 0.995:
+        share = f"{1 - verdict.judged:.0%} of the part is unlike anything that the model was tried on"
+        return f"{share}: not judged there"
+    return ""
 
 
 def named(one: NamedAlarm) -> dict[str, Any]:
@@ -138,10 +173,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
         for a in verdict.alarms
         for name in [alarm_id(machine, digest, a)]
     )
-    if verdict.judged < 0.995:
-        notes.append(
-            f"{1 - verdict.judged:.0%} of the part is unlike anything that the model was tried on: not judged there"
-        )
+    notes += [why] if (why := not_judged(verdict, band)) else []
     return Judgement(recording.part.part, digest, machine, expect.model, verdict, alarms, band, residuals, tuple(notes))
 
 
@@ -191,10 +223,15 @@ class Expectation:
         return support(self.workspace, self.bundle.content["parts"], recipe_of(self.workspace)).distance(inputs)
 
     def band(self, tolerate: float, without: str = "") -> Band:
-        """From the held-out residuals of the machine's other parts, with what people said of their alarms."""
+        """From the held-out residuals that this model has on the machine's other parts, with what people said of their
+        alarms; without parts that could not be judged, unless there are no others."""
         book = Book(self.workspace, self.machine)
-        known = known_residuals(self.workspace, self.machine, without)
-        return learn(to_calibrate_on(known, book.open_alarms(), book.answers()), tolerate)
+        known = known_residuals(self.workspace, self.machine, self.bundle, self.models, without)
+        unjudged = book.unjudged()
+        judged = [part for part in known if part.part not in unjudged]
+        if known and not judged:
+            log.warning("%s: no part could be judged; the band is learnt from those that could not", self.machine)
+        return learn(to_calibrate_on(judged or known, book.open_alarms(), book.answers()), tolerate)
 
 
 def _find(workspace: Workspace, part: str, machine: str | None) -> tuple[Recording, Samples, str]:

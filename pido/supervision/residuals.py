@@ -1,10 +1,11 @@
 """Residuals of parts on which the model had not been trained: what a band is learnt from.
 
-In:  a workspace. Out: PartResiduals of every part that went through an iteration, as it stood when the part came.
+In:  a workspace and a version of the models. Out: PartResiduals of every part that went through an iteration.
 
-Each iteration says what it expects of the arriving part before it learns from it; those predictions are kept with the
-run. Nothing was known before the first part, so its rows are predicted in stretches, each by models of the others.
-What was found is kept in `derived/`, under the run's key.
+Of a part that the version was trained on, they are what stood when the part came: each iteration says what it expects
+of the arriving part before it learns from it, and those predictions are kept with the run. Nothing was known before the
+first part, so its rows are predicted in stretches, each by models of the others. A part that the version has not learnt
+from is predicted by the version itself. What was found is kept in `derived/`, under the key of run or version.
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ from pido.feature_space.regional import folds
 from pido.iteration import Recipe
 from pido.models.axis_models import AxisModels
 from pido.models.inputs import model_inputs
+from pido.monitoring.band import MOST_PARTS
 from pido.monitoring.doubt import Support
 from pido.monitoring.residuals import WINDOW_S, PartResiduals
 from pido.monitoring.standing import explained, other_end
 from pido.parts import at_rate, machine_of, recipe_of, samples_of
 from pido.store import Store
 from pido.tracking import report_files
+from pido.tracking.bundle import Bundle
 from pido.tracking.ledger import Iteration, Ledger
 from pido.workspace import Workspace
 
@@ -61,23 +64,30 @@ class Said:
         return cls(np.full((rows, len(AXES)), np.nan), np.full((rows, len(AXES)), np.nan))
 
 
-def known_residuals(workspace: Workspace, machine: str, without: str = "") -> list[PartResiduals]:
-    """Held-out residuals of the machine's parts in production order; `part` is the digest.
+def known_residuals(
+    workspace: Workspace, machine: str, version: Bundle, models: AxisModels, without: str = ""
+) -> list[PartResiduals]:
+    """Held-out residuals of the machine's parts in production order, as this version makes them; `part` is the digest.
 
+    version, models : what is to judge; limits learnt from what better or worse models said would not be its own
     without : digest of a part to leave out, because it is the one to be judged
-    Up to FEW parts are predicted anew, each by models of all others: what was said of them when they came was said by
-    models of one or two parts, and would make the band far too wide for the models of now. Of more parts, those count
-    whose models had seen at least half as many parts as the models of now. A part whose run files are gone is left
-    out, and the log says so.
+    Up to FEW parts that the version was trained on are predicted anew, each by models of all others: what was said of
+    them when they came was said by models of one or two parts, and would make the band far too wide for this version.
+    Of more parts, those count whose models had seen at least half as many parts as this version. A part whose run files
+    are gone is left out, and the log says so. Parts that are new to the version, the last MOST_PARTS of them, are
+    predicted by its own models.
     """
     last = {i.part: i for i in Ledger(workspace.ledger).iterations(machine)}
     order = [e.digest for e in Store(workspace.store).entries(machine) if e.digest in last and e.digest != without]
-    if 1 < len(order) <= FEW:
-        return _each_by_the_others(workspace, machine, order)
-    found = [
-        one for digest in order[len(order) // 2 if len(order) > FEW else 0 :] if (one := _kept(workspace, last[digest]))
-    ]
-    return found
+    learnt = [digest for digest in order if digest in version.content["parts"]]
+    new = [digest for digest in order if digest not in version.content["parts"]][-MOST_PARTS:]
+    if 1 < len(learnt) <= FEW:
+        found = _each_by_the_others(workspace, machine, learnt)
+    else:
+        later = learnt[len(learnt) // 2 if len(learnt) > FEW else 0 :]
+        found = [one for digest in later if (one := _kept(workspace, last[digest]))]
+    found += _by_itself(workspace, machine, version, models, new)
+    return sorted(found, key=lambda one: order.index(one.part))
 
 
 def held_out(workspace: Workspace, machine: str, digest: str) -> PartResiduals | None:
@@ -115,6 +125,28 @@ def on_the_clock(
     tool, block = _tool(recording)[row], _block(recording)[row]
     program = recording.part.program or ""
     return PartResiduals(part, clock, residual, expected, tool, block, away, given, program), rows
+
+
+def _by_itself(
+    workspace: Workspace, machine: str, version: Bundle, models: AxisModels, digests: Sequence[str]
+) -> list[PartResiduals]:
+    """Of parts that the version was not trained on."""
+    paths = {
+        digest: workspace.derived
+        / f"held-out-{version.digest[:24]}-{workspace.run_key(machine, [digest])[:24]}.parquet"
+        for digest in digests
+    }
+    missing = [digest for digest, path in paths.items() if not path.exists()]
+    if missing:
+        near = support(workspace, version.content["parts"], recipe_of(workspace))
+        for digest in missing:
+            samples = samples_of(workspace, digest)
+            inputs = model_inputs(samples, models.inputs)
+            said = Said.by(models, inputs, machine_of(workspace, machine))
+            recording = at_rate(workspace, _bare(Store(workspace.store).load(digest)))
+            made = on_the_clock(digest, recording, samples, inputs, said, near.distance(inputs))[0]
+            _save(made, paths[digest])
+    return [_load(digest, path) for digest, path in paths.items()]
 
 
 def _each_by_the_others(workspace: Workspace, machine: str, order: Sequence[str]) -> list[PartResiduals]:

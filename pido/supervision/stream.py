@@ -1,7 +1,8 @@
 """A part watched while it is made: a CSV file that grows, sample by sample.
 
 In:  a file in the columns of the contract that a recorder is still writing to.
-Out: events as they happen - an alarm that begins, an alarm that has ended, the end of the part with its verdict.
+Out: events as they happen: "alarm", one that begins; "ended", one that has ended, with its size and what it looks
+     like; "end" of the part, with its verdict.
 
 Samples come at any rate at or above the method's; each block of them is averaged into one. What a row needs must be in
 the file: motion, currents, and the simulated process quantities (or `air_cut` in the settings). A whole-part verdict by
@@ -30,20 +31,21 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.models.inputs import model_inputs
-from pido.monitoring.alarms import Alarm, Watch
+from pido.monitoring.alarms import Alarm, Verdict, Watch
 from pido.monitoring.band import Band
 from pido.monitoring.difficulty import state
 from pido.monitoring.forest import quick
 from pido.monitoring.likeness import looks_like
+from pido.monitoring.records import followed_as
 from pido.monitoring.standing import explained, other_end
 from pido.parts import machine_of, recipe_of
 from pido.physics.friction import held_direction
 from pido.process.quantities import area_removal
 from pido.process.samples import engaged
 from pido.supervision.book import Book, alarm_id
-from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, named
+from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, named, not_judged, recorded
 from pido.supervision.residuals import Said, support
-from pido.workspace import BY_NAME, Workspace
+from pido.workspace import Workspace, digest_of
 
 log = logging.getLogger(__name__)
 POLL_S = 0.05
@@ -51,6 +53,7 @@ FIRST_ROWS = 50
 """Rows from which the file's rate is read."""
 REMEMBERED_S = 20.0
 """What an alarm is compared with signals over, at most."""
+Event = dict[str, Any]
 Prediction = Callable[[Samples], tuple[Said, Float1D, Float2D]]
 _PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")
 
@@ -61,17 +64,19 @@ class Stream:
     def __init__(
         self,
         part: str,
+        began: str,
         machine: Machine,
         predict: Prediction,
         band: Band,
         rate_hz: float,
         air_cut: bool = False,
     ) -> None:
-        """predict : rows to what is said of them, distances (n,) from the training rows, and model inputs (n, d)"""
+        """began : digest of the part's beginning
+        predict : rows to what is said of them, distances (n,) from the training rows, and model inputs (n, d)"""
         self._part, self._machine, self._predict, self._band = part, machine, predict, band
         self._watch = Watch(band, rate_hz)
-        # Its content is not known before it has ended; the part that is taken in later has the same name.
-        self.digest = f"{BY_NAME}{part}"
+        # The part that is taken in later has the same name.
+        self.digest = followed_as(part, began)
         self._air_cut = air_cut
         self._rate_hz, self._last = rate_hz, -np.inf
         self._past: deque[tuple[float, Float1D, Float1D]] = deque(maxlen=round(rate_hz * REMEMBERED_S))
@@ -80,8 +85,8 @@ class Stream:
         self.alarms: list[NamedAlarm] = []
         self.samples = 0
 
-    def push(self, columns: Mapping[str, np.ndarray]) -> Iterator[Alarm]:
-        """Rows in time order at the rate of the method; alarms that begin with them.
+    def push(self, columns: Mapping[str, np.ndarray]) -> Iterator[Event]:
+        """Rows in time order at the rate of the method; alarms that begin and end with them.
 
         columns : (n,) each – time, the 13 inputs, currents; tool_id and nc_line where they are known
         """
@@ -107,10 +112,14 @@ class Stream:
             outside = self._watch.push(values, tool, block, {axis: of[k] for axis, of in states.items()})
             yield from self._changes(now, outside, tool, block)
 
-    def end(self) -> None:
+    def end(self) -> Iterator[Event]:
         """The part has ended: what is still outside the band is an alarm up to here."""
         for axis in list(self._open):
-            self._close(axis)
+            yield self._close(axis)
+
+    def verdict(self) -> Verdict:
+        """Of all rows so far."""
+        return self._watch.verdict(self._part, [one.alarm for one in self.alarms])
 
     def _rows(self, recording: Recording) -> Samples:
         inputs = np.column_stack([np.asarray(recording[name], float) for name in INPUTS])
@@ -123,23 +132,28 @@ class Stream:
         rows = np.arange(self.samples, self.samples + len(recording))
         return Samples.real(inputs, area_removal(recording), currents, direction, self._part, rows)
 
-    def _changes(self, now: float, outside: dict[str, tuple[float, float]], tool: str, block: int) -> Iterator[Alarm]:
+    def _changes(self, now: float, outside: dict[str, tuple[float, float]], tool: str, block: int) -> Iterator[Event]:
         for axis, (spreads, size) in outside.items():
             alarm = self._open.get(axis)
             if alarm is None:
                 start = max(0.0, now - self._band.window_s)
                 alarm = Alarm(self._part, axis, start, now, tool, block, size, spreads)
                 self._open[axis] = alarm
-                yield alarm
+                begun = named(NamedAlarm(self._id(alarm), alarm, "unknown"))
+                del begun["looks_like"]  # nobody knows before it has ended
+                yield {"kind": "alarm", **begun}
             elif abs(spreads) > abs(alarm.spreads):
                 self._open[axis] = replace(alarm, t_end=now, size_a=size, spreads=spreads, tool=tool, block=block)
             else:
                 self._open[axis] = replace(alarm, t_end=now)
         for axis in [a for a, alarm in self._open.items() if a not in outside]:
             if now - self._open[axis].t_end > self._band.window_s:
-                self._close(axis)
+                yield self._close(axis)
 
-    def _close(self, axis: str) -> None:
+    def _id(self, alarm: Alarm) -> str:
+        return alarm_id(self._machine.id, self.digest, alarm)
+
+    def _close(self, axis: str) -> Event:
         alarm = self._open.pop(axis)
         around = [(x, r) for t, x, r in self._past if t >= alarm.t_start - AROUND_S]
         guess = "unknown"
@@ -147,7 +161,9 @@ class Stream:
             inputs, residual = (np.array(values) for values in zip(*around, strict=True))
             signals: dict[str, Float1D] = dict(zip(INPUTS, inputs.T, strict=True))
             guess = looks_like(axis, residual[:, AXES.index(axis)], signals)
-        self.alarms.append(NamedAlarm(alarm_id(self._machine.id, self.digest, alarm), alarm, guess))
+        ended = NamedAlarm(self._id(alarm), alarm, guess)
+        self.alarms.append(ended)
+        return {"kind": "ended", **named(ended)}
 
 
 def follow_file(
@@ -159,7 +175,7 @@ def follow_file(
     idle_s: float = 10.0,
     sleep: Callable[[float], None] = time.sleep,
     clock: Callable[[], float] = time.monotonic,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Event]:
     """Events of a part whose file is being written; the verdict goes into the machine's book at its end.
 
     Raises RecordingError for columns that are missing, or a rate below the method's; what `monitor` raises without a
@@ -174,27 +190,26 @@ def follow_file(
     for note in expect.notes:
         log.warning("%s", note)
     stream: Stream | None = None
-    for table in _blocks(path, workspace.settings.rate_hz, idle_s, workspace.settings.air_cut, sleep, clock):
+    for began, table in _blocks(path, workspace.settings.rate_hz, idle_s, workspace.settings.air_cut, sleep, clock):
         if stream is None:
             rate = 1.0 / float(np.median(np.diff(table[TIME]))) if len(table[TIME]) > 1 else workspace.settings.rate_hz
             place = machine_of(workspace, name)
-            stream = Stream(path.stem, place, predict, band, rate, workspace.settings.air_cut)
-        for alarm in stream.push(table):
-            begun = NamedAlarm(alarm_id(name, stream.digest, alarm), alarm, "unknown")
-            yield {"kind": "alarm", **named(begun)}
+            stream = Stream(path.stem, began, place, predict, band, rate, workspace.settings.air_cut)
+        yield from stream.push(table)
     if stream is None:
         raise RecordingError(f"{path}: no sample was written within {idle_s:g} s.")
-    stream.end()
-    alarms = [named(a) for a in stream.alarms]
-    Book(workspace, name).verdict(
-        {
-            "part": path.stem, "digest": stream.digest, "machine": name, "model": expect.model, "good": not alarms,
-            "followed": True, "alarms": alarms, "notes": list(expect.notes),
-            "band": {"parts": band.parts, "tolerate": tolerate, "window_s": band.window_s,
-                     "threshold": {axis: round(of.threshold, 4) for axis, of in band.axes.items()}},
-        }
-    )  # fmt: skip
-    yield {"kind": "end", "part": path.stem, "good": not alarms, "samples": stream.samples, "alarms": alarms}
+    yield from stream.end()
+    verdict = stream.verdict()
+    notes = [*expect.notes]
+    if why := not_judged(verdict, band):
+        log.warning("%s", why)
+        notes.append(why)
+    said = recorded(verdict, band, stream.alarms, notes)
+    record = {
+        "part": path.stem, "digest": stream.digest, "machine": name, "model": expect.model, "followed": True, **said
+    }  # fmt: skip
+    Book(workspace, name).verdict(record)
+    yield {"kind": "end", "samples": stream.samples, **record}
 
 
 def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
@@ -217,21 +232,28 @@ def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
 
 def _blocks(
     path: Path, rate_hz: float, idle_s: float, air_cut: bool, sleep: Callable[[float], None], clock: Callable[[], float]
-) -> Iterator[dict[str, np.ndarray]]:
-    """Whole blocks of rows as they are written, averaged down to the method's rate."""
+) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+    """Whole blocks of rows as they are written, averaged down to the method's rate; with each, the digest of the file's
+    first rows."""
     names: list[str] = []
     waiting: list[list[str]] = []
-    width = 0
+    began, width = "", 0
     for lines in _growing(path, idle_s, sleep, clock):
         if not names:
             names, lines = _header(path, lines[0], air_cut), lines[1:]
         waiting += list(csv.reader(lines))
         if not width and len(waiting) >= FIRST_ROWS:
             width = _width(path, names, waiting, rate_hz)
+            began = digest_of([names, waiting[:FIRST_ROWS]])[:12]
         whole = len(waiting) // width * width if width else 0
         if whole:
-            yield _averaged(path, names, waiting[:whole], width, air_cut)
+            yield began, _averaged(path, names, waiting[:whole], width, air_cut)
             waiting = waiting[whole:]
+    if waiting and not width:
+        raise RecordingError(
+            f"{path}: {len(waiting)} samples, {FIRST_ROWS - len(waiting)} too few: the file's rate is read from the "
+            f"first {FIRST_ROWS}. Record the whole part, and end its last line."
+        )
 
 
 def _growing(
@@ -246,6 +268,11 @@ def _growing(
             with path.open("rb") as handle:
                 handle.seek(place)
                 new = handle.read()
+        if b"\0" in new or (place == 0 and new.startswith(b"PAR1")):
+            raise RecordingError(
+                f"{path}: this is no text. What is followed is a CSV file in UTF-8 that a recorder is still writing; a "
+                f"recording that is finished is judged by `pido monitor {path}`."
+            )
         place += len(new)
         *lines, rest = (rest + new).split(b"\n")
         if new:

@@ -33,7 +33,7 @@ def test_false_alarms_stay_near_what_is_tolerated_from_the_first_part_on(known, 
     alarmed = 0
     for _ in range(10):
         band = learn([_good("g", rng) for _ in range(known)], tolerate=1.0)
-        alarmed += sum(not judge(_good("n", rng), band).good for _ in range(20))
+        alarmed += sum(bool(judge(_good("n", rng), band).alarms) for _ in range(20))
     assert alarmed / 200 <= most
 
 
@@ -68,7 +68,9 @@ def test_watching_sample_by_sample_sees_what_judging_the_whole_part_sees():
         for t, r, tool, block in zip(part.time, part.residual, part.tool, part.block, strict=True)
         if "x" in watch.push(dict(zip("xyz", r[:3], strict=True)), tool, int(block))
     ]
-    alarms = [a for a in judge(part, band).alarms if a.axis == "x"]
+    verdict = judge(part, band)
+    alarms = [a for a in verdict.alarms if a.axis == "x"]
+    assert watch.verdict("n", verdict.alarms) == verdict
     assert alarms[-1].t_end == times[-1]
     assert times[0] == pytest.approx(alarms[0].t_start + band.window_s - 1 / RATE)
 
@@ -76,6 +78,19 @@ def test_watching_sample_by_sample_sees_what_judging_the_whole_part_sees():
 def test_an_axis_without_recording_is_named_as_unwatched():
     rng = np.random.default_rng(3)
     assert judge(_good("n", rng), learn([_good("g", rng)])).unwatched == ("sp",)
+
+
+def _shorter(part: PartResiduals, seconds: float) -> PartResiduals:
+    n = int(seconds * RATE)
+    return PartResiduals(part.part, part.time[:n], part.residual[:n], part.predicted[:n], part.tool[:n], part.block[:n])
+
+
+def test_silence_about_a_part_without_a_whole_window_does_not_make_it_good():
+    rng = np.random.default_rng(4)
+    verdict = judge(_shorter(_with_step(_good("n", rng), 5.0, 0.0, 9.0), 0.4), learn([_good("g", rng)]))
+    assert not verdict.alarms
+    assert not verdict.good
+    assert (verdict.windows, verdict.judged) == (0, 0.0)
 
 
 def test_no_good_part_is_an_error_that_says_what_is_needed():

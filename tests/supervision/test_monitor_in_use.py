@@ -5,6 +5,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +13,19 @@ import pytest
 from click.testing import CliRunner
 
 from pido.cli import pido
-from pido.core.errors import RegistryError
+from pido.cli.monitor import in_a_line
+from pido.core.errors import RecordingError, RegistryError
 from pido.core.recording import Recording
-from pido.monitoring.alarms import Alarm
+from pido.monitoring.alarms import Alarm, Verdict
 from pido.parts import samples_of
+from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
 from pido.reports.monitor import monitor_page
 from pido.reports.page import render
 from pido.supervision import NO_SAFETY_STOP
 from pido.supervision.book import Book, alarm_id
-from pido.supervision.part import monitor
+from pido.supervision.part import Expectation, NamedAlarm, headline, monitor, not_judged, recorded
+from pido.supervision.stream import follow_file
 from pido.tracking.ledger import Ledger
 from pido.tracking.promotion import TOKEN
 from pido.workspace import Workspace
@@ -63,10 +67,18 @@ def _longest_cut(recording: Recording) -> tuple[float, float]:
     return float(middle - 0.8), float(middle + 0.8)
 
 
-def _call(*arguments: object) -> str:
+def _call(*arguments: object, status: int = 0) -> str:
     result = CliRunner().invoke(pido, [str(a) for a in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == status, result.output
     return result.stdout
+
+
+def _part(folder: Path, name: str, rows: slice, curr_x: float) -> Path:
+    """Some rows of the plant's part `good` under another name, with a current that is off by so much, A."""
+    recording = read_recording(folder / "good")
+    columns = {key: np.array(values)[rows] for key, values in recording.columns.items()}
+    columns["curr_x"] += curr_x
+    return write_folder(Recording(recording.part.model_copy(update={"part": name}), columns), folder / name)
 
 
 def test_a_jump_is_an_alarm_with_axis_time_size_and_words_and_the_answer_says_it_is_no_safety_stop(plant):
@@ -185,8 +197,6 @@ def test_a_line_that_a_dying_process_left_unfinished_is_no_part_of_the_book(tmp_
 
 
 def _csv(folder: Path, path: Path) -> int:
-    from pido.recordings import read_recording
-
     recording = read_recording(folder)
     names = list(recording.columns)
     with path.open("w", newline="") as handle:
@@ -197,8 +207,6 @@ def _csv(folder: Path, path: Path) -> int:
 
 
 def test_a_growing_file_is_followed_to_its_end_and_its_jump_is_seen_as_it_happens(plant, tmp_path):
-    from pido.supervision.stream import follow_file
-
     whole = tmp_path / "whole.csv"
     count = _csv(plant / "bad", whole)
     live = tmp_path / "live.csv"
@@ -224,9 +232,6 @@ def test_a_growing_file_is_followed_to_its_end_and_its_jump_is_seen_as_it_happen
 
 
 def test_a_file_without_what_a_model_needs_is_refused_with_the_names_of_the_columns(plant, tmp_path):
-    from pido.core.errors import RecordingError
-    from pido.supervision.stream import follow_file
-
     live = tmp_path / "live.csv"
     live.write_text("time,v_x,curr_x\n0.0,1.0,2.0\n")
     with pytest.raises(RecordingError, match="f_x_sim"):
@@ -234,8 +239,6 @@ def test_a_file_without_what_a_model_needs_is_refused_with_the_names_of_the_colu
 
 
 def test_the_page_of_a_judged_part_is_small_shows_its_alarms_and_does_not_run_what_a_name_says(plant):
-    from dataclasses import replace
-
     judgement = monitor(Workspace.open(plant / "ws"), str(plant / "bad"))
     html = render(monitor_page(replace(judgement, part="<script>alert(1)</script>")))
     assert "<script>alert(1)" not in html
@@ -251,3 +254,95 @@ def test_what_was_said_of_an_alarm_stands_beside_it(plant):
     (line,) = [line for line in _call(*call).splitlines() if name in line]
     assert line.endswith("(true alarm, says ann)")
     assert json.loads(_call(*call, "--json"))["answered"] == {name: "true alarm, says ann"}
+
+
+def test_a_part_without_a_whole_window_is_not_judged_rather_than_good_at_once_and_while_it_is_followed(plant, tmp_path):
+    first = int(np.flatnonzero(read_recording(plant / "good")["mrr_sim"] > 0)[0])
+    brief = _part(plant, "brief", rows=slice(first + 15), curr_x=5.0)
+    call = ["monitor", brief, "-w", plant / "ws"]
+    assert _call(*call, status=3).startswith("brief   not judged")
+    answer = json.loads(_call(*call, "--json", status=3))
+    assert (answer["good"], answer["verdict"], answer["alarms"]) == (False, "not judged", [])
+    assert answer["notes"][-1].startswith("no stretch with the tool in engagement lasts 0.5 s")
+    assert "Nothing unusual" not in render(monitor_page(monitor(Workspace.open(plant / "ws"), str(brief))))
+    _csv(brief, tmp_path / "brief.csv")
+    follow = ["monitor", "--follow", tmp_path / "brief.csv", "-w", plant / "ws", "--machine", MACHINE, "--idle-s", 0]
+    assert _call(*follow, status=3).startswith("brief   not judged")
+    book = Book(Workspace.open(plant / "ws"), MACHINE)
+    at_once, followed = [r for r in book.records() if r.get("part") == "brief"]
+    for said in ("good", "verdict", "judged", "unwatched", "notes"):
+        assert followed[said] == at_once[said]
+    assert book.unjudged() == {at_once["digest"], followed["digest"]}
+
+
+@pytest.mark.parametrize(
+    ("alarms", "judged", "good", "said"),
+    [((), 0.19, False, "not judged: only 19% of it could be"), ((), 0.6, True, "nothing unusual"),
+     ((Alarm("p", "x", 1.0, 2.0, "", 3, 1.0, 9.0),), 0.19, False, "1 alarm(s); only 19% of it could be judged")],
+)  # fmt: skip
+def test_silence_about_most_of_a_part_is_no_verdict_and_the_share_is_said(plant, alarms, judged, good, said):
+    verdict = Verdict("p", alarms, (), 800, judged)
+    band = Expectation.of(Workspace.open(plant / "ws"), MACHINE).band(1.0)
+    record = recorded(verdict, band, [NamedAlarm("a1", a, "unknown") for a in alarms], [])
+    assert (headline(record), record["good"]) == (said, good)
+    assert "unlike anything" in not_judged(verdict, band)
+
+
+def _followed(plant: Path, folder: Path, path: Path) -> list[str]:
+    """What is said of a part that was written into this file."""
+    _csv(folder, path)
+    return _call("monitor", "--follow", path, "-w", plant / "ws", "--machine", MACHINE, "--idle-s", 0).splitlines()
+
+
+@pytest.mark.parametrize("begins_alike", [True, False])
+def test_alarms_can_be_answered_after_the_next_part_went_into_a_file_of_the_same_name(plant, tmp_path, begins_alike):
+    odd = read_recording(plant / "good") if begins_alike else read_recording(plant / "bad")
+    start, end = _longest_cut(odd)
+    current = np.array(odd["curr_x"])
+    current[(odd.time > start) & (odd.time < end)] += JUMP_A
+    write_folder(Recording(odd.part, {**odd.columns, "curr_x": current}), tmp_path / "odd")
+    same_name = tmp_path / f"recording-{begins_alike}.csv"
+    name = next(line.split()[0] for line in _followed(plant, tmp_path / "odd", same_name) if "axis x" in line)
+    assert "nothing unusual" in _followed(plant, plant / "good", same_name)[-1]
+    said = _call("monitor", "answer", name, "--true", "--by", "ann", "--reason", "chips", "-w", plant / "ws")
+    assert f"part {same_name.stem}, axis x" in said
+    book = Book(Workspace.open(plant / "ws"), MACHINE)
+    assert name in book.answered()
+    first, second = [r["digest"] for r in book.records() if r.get("part") == same_name.stem]
+    assert (first == second) == begins_alike
+
+
+def test_a_followed_alarm_says_its_identifier_as_it_begins_and_what_it_was_as_it_has_ended(plant, tmp_path):
+    lines = _followed(plant, plant / "bad", tmp_path / "bad.csv")
+    verdict = next(r for r in reversed(Book(Workspace.open(plant / "ws"), MACHINE).records()) if r.get("followed"))
+    assert verdict["alarms"]
+    for alarm in verdict["alarms"]:
+        begins, ended = [line for line in lines if alarm["id"] in line]
+        assert "begins" in begins
+        assert "looks like" not in begins
+        assert ended == f"  {alarm['id']}  has ended: {in_a_line(alarm)}"
+    assert lines[-1].startswith(f"bad   {len(verdict['alarms'])} alarm(s)")
+
+
+def test_an_answer_about_a_part_that_was_only_looked_at_says_that_nothing_changes_yet(plant, tmp_path):
+    call = ["--by", "ann", "--reason", "new tool", "-w", plant / "ws"]
+    name = json.loads(_call("monitor", plant / "bad", "-w", plant / "ws", "--json"))["alarms"][0]["id"]
+    for said in ("--false", "--true"):
+        assert "once the part is taken in" in _call("monitor", "answer", name, said, *call)
+    name = _followed(plant, plant / "bad", tmp_path / "later.csv")[0].split()[0]
+    assert "taken in under the name 'later'" in _call("monitor", "answer", name, "--false", *call)
+
+
+@pytest.mark.parametrize(("rows", "said"), [(49, "49 samples, 1 too few"), (0, "no sample was written")])
+def test_a_file_too_short_to_follow_says_by_how_much(plant, tmp_path, rows, said):
+    _csv(plant / "good", tmp_path / "whole.csv")
+    lines = (tmp_path / "whole.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "live.csv").write_text("".join(lines[: rows + 1]))
+    with pytest.raises(RecordingError, match=said):
+        list(follow_file(Workspace.open(plant / "ws"), tmp_path / "live.csv", machine=MACHINE, idle_s=0.0))
+
+
+def test_a_file_that_is_no_text_is_not_followed_and_the_error_names_what_judges_it(plant):
+    path = plant / "good" / "recording.parquet"
+    with pytest.raises(RecordingError, match=r"CSV.*`pido monitor .*recording\.parquet`"):
+        list(follow_file(Workspace.open(plant / "ws"), path, machine=MACHINE, idle_s=0.0))
