@@ -3,6 +3,9 @@
 In:  real samples, the coming part's path, the machine, a `Method`; for adapting, a way to train a model.
 Out: generated rows with weights, the report, and the equations they came from.
 
+`paper`'s rows fill the coming part's bins. Where a model is at hand, `adaptive` takes rows of the coming path (PiE),
+and rows between recorded ones wherever these lie (PiA), as far as models gained by them on rows held out.
+
 `paper`    everything as printed: 17 terms, table 2, eq. 15 and 16, no gate
 `adaptive` terms, width and reach of the weights per axis from held-out rows; a gate; and, with a model at hand, per
            axis and region how far the equation's word is followed and how densely, from plays of an arrival, or not

@@ -144,6 +144,9 @@ def test_an_ablation_of_chosen_percents_measures_those_and_nothing_else(fleet, t
     assert set(result.table.step) == {20, 40}
     assert set(result.table.scenario) == {TIME, RANDOM}
     assert set(result.table.variant) == set(DELIVERED)
+    said = " ".join(result.outcome.differs)
+    assert "between a recorded row and a similar one (as in SMOGN)" in said
+    assert "outside the coming part's bins" in said
     with pytest.raises(PidoError, match="1 to 100"):
         run_experiment("ablation", fleet, folder=tmp_path, repeats=1, quick=True, percents=(0,))
 
