@@ -144,6 +144,10 @@ def test_an_ablation_of_chosen_percents_measures_those_and_nothing_else(fleet, t
     assert set(result.table.step) == {20, 40}
     assert set(result.table.scenario) == {TIME, RANDOM}
     assert set(result.table.variant) == set(DELIVERED)
+    assert "at 20, 40 % of a file" in result.outcome.verdict
+    most = experiment("ablation").summarise(result.table.assign(step=result.table.step + 50)).verdict
+    assert "at 70, 90 % of a file" in most
+    assert "nan" not in most
     said = " ".join(result.outcome.differs)
     assert "between a recorded row and a similar one (as in SMOGN)" in said
     assert "outside the coming part's bins" in said
