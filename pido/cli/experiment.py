@@ -15,6 +15,10 @@ NAMES = (
 )  # fmt: skip
 PROOFS = ("extended-equation", "concealed", "real-mismatch")
 """Not of the paper: what the mismatch finder is worth, to the equation, on sealed cases and on real recordings."""
+NEEDS = {
+    "extended-equation": "one recording, or a folder of one machine: --data PATH",
+    "real-mismatch": "the folder of the published recordings: --data DIR",
+}
 
 
 @click.command(name="experiment")
@@ -44,7 +48,12 @@ PROOFS = ("extended-equation", "concealed", "real-mismatch")
     "--out", type=Output(file_okay=False), default=Path("experiments"), show_default=True,
     help="folder for results and report",
 )  # fmt: skip
-@click.option("--resume/--fresh", default=True, show_default=True, help="use what the folder holds already")
+@click.option(
+    "--resume/--fresh",
+    default=True,
+    show_default=True,
+    help="go on with the run that the folder holds, or replace whatever it holds",
+)
 @click.option("--cases", type=click.IntRange(1), help="of 'concealed'; 300 where not given, a few with --quick")
 @click.option("--json", "as_json", is_flag=True, help="print verdict and tables as JSON")
 def command(
@@ -56,8 +65,8 @@ def command(
 
     importance, weighting, shares, local-vs-global and ablation are the paper's; rivals goes past it.
     extended-equation, concealed and real-mismatch prove the mismatch finder: what it adds to the equation of one
-    machine, on sealed cases, and on published recordings. A run that was stopped
-    continues where it was; more repeats add to those that are there.
+    machine, on sealed cases, and on published recordings. Results go to OUT/NAME/DATA. A run that was stopped
+    continues where it was; more repeats add to those that are there; a folder that holds another run is refused.
 
     \b
     pido experiment local-vs-global --data recordings/ --out results
@@ -72,6 +81,7 @@ def command(
 
     from pido.cli.progress import Progress
     from pido.config import load_job
+    from pido.experiments.places import folder_names
     from pido.experiments.runner import run_experiment
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
@@ -85,8 +95,8 @@ def command(
         return
     job = None if job_file is None else load_job(job_file)
     told = []
-    for source in data or ("worn",):
-        folder = out / name / _folder_name(source)
+    for source, place in folder_names(data or ("worn",)).items():
+        folder = out / name / place
         with Progress(f"{name}, {source}") as progress:
             result = run_experiment(
                 name, source, folder=folder, repeats=repeats, seed=seed, workers=workers or os.cpu_count() or 1,
@@ -131,9 +141,21 @@ def _prove(
     import shutil
 
     from pido.cli.progress import Progress
+    from pido.experiments.places import claim, folder_names, place_digest
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
 
+    count = cases or (4 if quick else 300)
+    run = {"experiment": name, "data": "sealed cases", "data_digest": "", "seed": seed}
+    if name == "concealed":
+        claim(folder, run | {"options": {"quick": quick, "cases": count}}, fresh=not resume)
+    elif len(data) != 1:
+        raise click.UsageError(f"{name} needs {NEEDS[name]}")
+    elif Path(data[0]).exists():
+        place = folder_names(data)[data[0]]
+        run |= {"data": place, "data_digest": place_digest(data[0]), "options": {"quick": quick, "machine": machine}}
+        folder = folder / place
+        claim(folder, run, fresh=not resume)
     if not resume:
         shutil.rmtree(folder / "rows", ignore_errors=True)
     with Progress(name) as progress:
@@ -141,7 +163,6 @@ def _prove(
             from pido.experiments import concealed
             from pido.experiments.concealed_rivals import RIVALS
 
-            count = cases or (4 if quick else 300)
             solvers = concealed.solvers_named((concealed.TOOL, *(("lasso",) if quick else RIVALS)))
             table = concealed.run(
                 concealed.plan(count, seed), folder, solvers=solvers, workers=workers, on_progress=progress
@@ -151,8 +172,6 @@ def _prove(
         elif name == "extended-equation":
             from pido.experiments import extended_equation
 
-            if len(data) != 1:
-                raise click.UsageError("extended-equation needs one recording, or a folder of one machine: --data PATH")
             outcome = extended_equation.run(
                 Path(data[0]), machine=machine, quick=quick, seed=seed, on_progress=progress
             )
@@ -161,8 +180,6 @@ def _prove(
         else:
             from pido.experiments import real_mismatch
 
-            if len(data) != 1:
-                raise click.UsageError("real-mismatch needs the folder of the published recordings: --data DIR")
             outcome = real_mismatch.run(Path(data[0]), quick=quick, seed=seed, on_progress=progress)
             title = "Real machines"
             facts = [f"recordings in {Path(data[0]).name}, seed {seed}"]
@@ -177,8 +194,3 @@ def _prove(
     click.echo(f"{outcome.verdict}\n")
     for shown, table, _ in tables:
         click.echo(f"{shown}\n{table.to_string(index=False)}\n")
-
-
-def _folder_name(source: str) -> str:
-    """A name for the results of these data."""
-    return "".join(c if c.isalnum() or c in "-_" else "-" for c in Path(source).stem) or "data"

@@ -111,13 +111,6 @@ def test_more_repeats_add_to_those_that_are_there(fleet, tmp_path):
     pd.testing.assert_frame_equal(more.table[more.table.repeat == 0].reset_index(drop=True), few.table)
 
 
-def test_results_of_other_data_or_another_seed_are_never_taken_for_these(fleet, tmp_path):
-    run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True)
-    other = Fleet(fleet.name, fleet.machine, {**fleet.sets, "p0": part("p0", 99)})
-    assert run_experiment("importance", other, folder=tmp_path, repeats=1, quick=True).found == 0
-    assert run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True, seed=1).found == 0
-
-
 def test_forests_find_the_inputs_that_the_currents_were_made_of(fleet, tmp_path):
     table = run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True).table
     first = {a: g.loc[g.permutation.idxmax(), "input"] for a, g in table.groupby("axis") if a in ("x", "sp")}
