@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from pido.cli.inputs import Input
 from pido.cli.outputs import Output
@@ -15,6 +16,20 @@ NAMES = (
 )  # fmt: skip
 PROOFS = ("extended-equation", "concealed", "real-mismatch")
 """Not of the paper: what the mismatch finder is worth, to the equation, on sealed cases and on real recordings."""
+_UNITS = tuple(name for name in NAMES if name not in PROOFS)
+OPTIONS_OF = {
+    "data": tuple(name for name in NAMES if name != "concealed"),
+    "repeats": tuple(name for name in _UNITS if name != "local-vs-global"),
+    "workers": (*_UNITS, "concealed"),
+    "cluster": _UNITS,
+    "machine": (*_UNITS, "extended-equation"),
+    "job_file": _UNITS,
+    "estimators": ("ablation", "rivals"),
+    "percents": ("ablation", "rivals"),
+    "delivered": ("ablation",),
+    "cases": ("concealed",),
+}
+"""What has a meaning for some experiments alone, by the parameter's name; elsewhere it is a wrong call."""
 NEEDS = {
     "extended-equation": "one recording, or a folder of one machine: --data PATH",
     "real-mismatch": "the folder of the published recordings: --data DIR",
@@ -56,10 +71,11 @@ NEEDS = {
 )
 @click.option("--cases", type=click.IntRange(1), help="of 'concealed'; 300 where not given, a few with --quick")
 @click.option("--json", "as_json", is_flag=True, help="print verdict and tables as JSON")
+@click.pass_context
 def command(
-    name: str, data: tuple[str, ...], repeats: int | None, quick: bool, seed: int, workers: int | None,
-    cluster: str | None, machine: str | None, job_file: Path | None, estimators: str, percents: tuple[int, ...],
-    delivered: bool, out: Path, resume: bool, cases: int | None, as_json: bool,
+    ctx: click.Context, name: str, data: tuple[str, ...], repeats: int | None, quick: bool, seed: int,
+    workers: int | None, cluster: str | None, machine: str | None, job_file: Path | None, estimators: str,
+    percents: tuple[int, ...], delivered: bool, out: Path, resume: bool, cases: int | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Run an experiment of the paper, on any recordings, and see its figures beside the published ones.
 
@@ -86,10 +102,7 @@ def command(
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
 
-    if delivered and name != "ablation":
-        raise click.UsageError(f"--delivered is an option of ablation, not of {name}.")
-    if percents and name not in ("ablation", "rivals"):
-        raise click.UsageError(f"--percent is an option of ablation and rivals, not of {name}.")
+    _meaningful(ctx, name)
     if name in PROOFS:
         _prove(name, data, out / name, cases, seed, workers or os.cpu_count() or 1, quick, resume, as_json, machine)
         return
@@ -130,6 +143,14 @@ def command(
             click.echo(f"{title}\n{table.to_string(index=False, float_format=lambda v: f'{v:.4g}')}\n")
     if as_json:
         click.echo(json.dumps(told, indent=1))
+
+
+def _meaningful(ctx: click.Context, name: str) -> None:
+    """Raises UsageError for an option that was given and means nothing for this experiment."""
+    for param in ctx.command.params:
+        of = OPTIONS_OF.get(param.name or "", NAMES)
+        if name not in of and ctx.get_parameter_source(param.name or "") is not ParameterSource.DEFAULT:
+            raise click.UsageError(f"{param.opts[0]} is an option of {', '.join(of)}, not of {name}.")
 
 
 def _prove(

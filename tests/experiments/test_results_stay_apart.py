@@ -105,3 +105,30 @@ def test_more_sealed_cases_join_those_that_are_there_and_another_seed_is_refused
     assert call(*words, 1, "--cases", 9)[0] == 0
     for other in ((2, "--cases", 9), (1, "--cases", 5), (1, "--cases", 9, "--quick")):
         assert isinstance(call(*words, *other)[2], SettingsError)
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        ("concealed --cases 1 --cluster tcp://127.0.0.1:1", "--cluster"),
+        ("concealed --cases 1 --repeats 9", "--repeats"),
+        ("concealed --cases 1 --data nowhere", "--data"),
+        ("concealed --cases 1 --machine nosuch", "--machine"),
+        ("extended-equation --data . --cluster local", "--cluster"),
+        ("extended-equation --data . --estimators default", "--estimators"),
+        ("extended-equation --data . --cases 3", "--cases"),
+        ("real-mismatch --data . --machine dmc60h", "--machine"),
+        ("real-mismatch --data . --workers 2", "--workers"),
+        ("importance --cases 3", "--cases"),
+        ("importance --estimators paper", "--estimators"),
+        ("local-vs-global --repeats 3", "--repeats"),
+        ("shares --percent 10", "--percent"),
+        ("rivals --delivered", "--delivered"),
+    ],
+)
+def test_an_option_that_means_nothing_for_an_experiment_is_a_wrong_call(words, option, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, said, _ = call(*words.split(), "--out", tmp_path / "out")
+    assert code == 2
+    assert f"{option} is an option of " in said
+    assert not (tmp_path / "out").exists()
