@@ -31,7 +31,7 @@ from pido.core.errors import PidoError, SettingsError
 from pido.core.files import replacing
 from pido.core.machining import Job
 from pido.experiments.base import Experiment, Options, Outcome, Rows, Unit, experiment
-from pido.experiments.data import Fleet, load_fleet
+from pido.experiments.data import DataError, Fleet, load_fleet
 from pido.experiments.places import claim
 from pido.workspace import code_version
 
@@ -116,6 +116,11 @@ def run_experiment(
         _write(pd.DataFrame(rows), files[unit.key])
         on_progress(done, len(units), unit.key)
     parts = [pd.read_parquet(files[unit.key]) for unit in units]
+    if not any(len(part) for part in parts):
+        raise DataError(
+            f"{fleet.name}: none of the {len(units)} units of '{name}' could be measured: too few rows per set, or no "
+            f"current that changes. {' '.join(fleet.notes)}"
+        )
     table = pd.concat([part for part in parts if len(part)], ignore_index=True)
     _write(table, folder / "results.parquet")
     return Result(what, fleet, options, table, what.summarise(table), len(units), found)

@@ -26,7 +26,7 @@ from pido.equations.choose import PAPER_CHOICE, fit_chosen
 from pido.experiments import paper
 from pido.experiments.base import Experiment, Options, Outcome, Rows, Shown, Unit
 from pido.experiments.cells import reduced
-from pido.experiments.data import Fleet
+from pido.experiments.data import Fleet, varies
 from pido.feature_space.density import occupancy
 from pido.feature_space.distance import wasserstein
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, touched
@@ -93,6 +93,7 @@ def measure(fleet: Fleet, params: Mapping[str, Any], rng: np.random.Generator) -
     made = {"pia": replace(pia, origin=np.full(len(pia), PIA)), "pie": replace(drawn, origin=np.full(len(drawn), PIE))}
     made = {k: replace(rows, currents=equations.predict(rows)) if len(rows) else rows for k, rows in made.items()}
     seed, rows = int(rng.integers(2**31)), []
+    live = np.flatnonzero(varies(test.currents))
     models = dict.fromkeys(AXES, _forest(int(params["trees"])))
     for a in params["pia_shares"]:
         for e in params["pie_shares"]:
@@ -100,11 +101,11 @@ def measure(fleet: Fleet, params: Mapping[str, Any], rng: np.random.Generator) -
                 continue
             extra = [_first(made["pia"], _number(a)), _first(made["pie"], _number(e))]
             model = AxisModels.fit(Samples.concat([real, *extra]), choice=models, inputs="paper", seed=seed)
-            error = np.sqrt(np.nanmean((test.currents - model.predict(test)) ** 2, axis=0))
+            error = np.sqrt(np.nanmean((test.currents - model.predict(test))[:, live] ** 2, axis=0))
             rows += [
-                {"pia": a, "pie": e, "axis": axis, "rmse": float(error[i])}
-                for i, axis in enumerate(AXES)
-                if np.isfinite(error[i])
+                {"pia": a, "pie": e, "axis": AXES[i], "rmse": float(rmse)}
+                for i, rmse in zip(live, error, strict=True)
+                if np.isfinite(rmse)
             ]
     return [row | {"pia_shares": str(params["pia_shares"]), "pie_shares": str(params["pie_shares"])} for row in rows]
 
