@@ -17,11 +17,13 @@ from pido.experiments import runner
 from pido.experiments.base import MODULES, Unit, experiment
 from pido.experiments.cells import FILES, RANDOM, TIME, cells, reduced
 from pido.experiments.data import Fleet, load_fleet, runs
+from pido.experiments.local_vs_global import CHOSEN
 from pido.experiments.runner import measure, run_experiment
 from pido.experiments.score import changes
 from pido.experiments.variants import DELIVERED, OTHERS
 from pido.feature_space.density import occupancy
 from pido.feature_space.grid import SAMPLING_GRID
+from pido.reports.experiment import _strokes
 
 
 def part(name: str, seed: int, n: int = 360) -> Samples:
@@ -146,6 +148,31 @@ def test_an_ablation_of_chosen_percents_measures_those_and_nothing_else(fleet, t
     assert "outside the coming part's bins" in said
     with pytest.raises(PidoError, match="1 to 100"):
         run_experiment("ablation", fleet, folder=tmp_path, repeats=1, quick=True, percents=(0,))
+
+
+def test_pages_say_how_many_sets_were_left_out_and_fit_no_order_that_shares_do_not_determine():
+    left = pd.DataFrame(
+        {
+            "split": "one left out", "where": "all", "train": "a, b", "test": ["c", "c", "d", "d"], "axis": "x",
+            "model": ["constant", CHOSEN] * 2, "rmse": 1.0, "r2": 0.5, "hidden": "", "terms": "held",
+        }
+    )  # fmt: skip
+    told = experiment("local-vs-global").summarise(left)
+    assert "here it is 2 of 4 sets left out, each once" in told.differs[-1]
+    rows = [
+        {"train": t, "distance": d, "real": r, "repeat": 0, "axis": "x", "pia": a, "pie": e,
+         "rmse": 1 - a * r / 1e4 + e}
+        for t, d in (("a", 1.0), ("b", 2.0)) for r in (0, 30, 60, 100) for a in (0, 8) for e in (0, 5)
+    ]  # fmt: skip
+    orders, functions, *_ = experiment("shares").summarise(pd.DataFrame(rows)).tables
+    assert orders.table["order"].tolist() == [1, 2, 3]
+    assert "ours of order 3" in functions.text[0]
+    assert "pie, ours" in functions.table
+
+
+def test_lines_of_a_plot_are_told_apart_however_many_there_are():
+    strokes = _strokes(20)
+    assert len(set(strokes)) == 20
 
 
 def test_an_unknown_experiment_names_the_known_ones(fleet, tmp_path):
