@@ -34,10 +34,10 @@ def run(workspace: str, arguments: list[str]) -> list[dict[str, Any]]:
 @flow(name="experiment", flow_run_name="experiment {name}", persist_result=False)
 def experiment(
     workspace: str, name: str, data: list[str] | None = None, quick: bool = False, repeats: int | None = None,
-    seed: int = 0, workers: int | None = None, cluster: str | None = None,
+    seed: int = 0, workers: int | None = None, cluster: str | None = None, fresh: bool = False,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Run one experiment; the arguments are those of `pido experiment`."""
-    arguments = [name, "--seed", str(seed), *(["--quick"] if quick else [])]
+    """Run one experiment; the arguments are those of `pido experiment`. fresh : in place of what an earlier one left"""
+    arguments = [name, "--seed", str(seed), *(["--quick"] if quick else []), *(["--fresh"] if fresh else [])]
     for source in data or []:
         arguments += ["--data", source]
     for option, value in (("--repeats", repeats), ("--workers", workers), ("--cluster", cluster)):

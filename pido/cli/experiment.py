@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from pido.cli.inputs import Input
 from pido.cli.outputs import Output
@@ -15,6 +16,24 @@ NAMES = (
 )  # fmt: skip
 PROOFS = ("extended-equation", "concealed", "real-mismatch")
 """Not of the paper: what the mismatch finder is worth, to the equation, on sealed cases and on real recordings."""
+_UNITS = tuple(name for name in NAMES if name not in PROOFS)
+OPTIONS_OF = {
+    "data": tuple(name for name in NAMES if name != "concealed"),
+    "repeats": tuple(name for name in _UNITS if name != "local-vs-global"),
+    "workers": (*_UNITS, "concealed"),
+    "cluster": _UNITS,
+    "machine": (*_UNITS, "extended-equation"),
+    "job_file": _UNITS,
+    "estimators": ("ablation", "rivals"),
+    "percents": ("ablation", "rivals"),
+    "delivered": ("ablation",),
+    "cases": ("concealed",),
+}
+"""What has a meaning for some experiments alone, by the parameter's name; elsewhere it is a wrong call."""
+NEEDS = {
+    "extended-equation": "one recording, or a folder of one machine: --data PATH",
+    "real-mismatch": "the folder of the published recordings: --data DIR",
+}
 
 
 @click.command(name="experiment")
@@ -44,20 +63,26 @@ PROOFS = ("extended-equation", "concealed", "real-mismatch")
     "--out", type=Output(file_okay=False), default=Path("experiments"), show_default=True,
     help="folder for results and report",
 )  # fmt: skip
-@click.option("--resume/--fresh", default=True, show_default=True, help="use what the folder holds already")
+@click.option(
+    "--resume/--fresh",
+    default=True,
+    show_default=True,
+    help="go on with the run that the folder holds, or replace whatever it holds",
+)
 @click.option("--cases", type=click.IntRange(1), help="of 'concealed'; 300 where not given, a few with --quick")
 @click.option("--json", "as_json", is_flag=True, help="print verdict and tables as JSON")
+@click.pass_context
 def command(
-    name: str, data: tuple[str, ...], repeats: int | None, quick: bool, seed: int, workers: int | None,
-    cluster: str | None, machine: str | None, job_file: Path | None, estimators: str, percents: tuple[int, ...],
-    delivered: bool, out: Path, resume: bool, cases: int | None, as_json: bool,
+    ctx: click.Context, name: str, data: tuple[str, ...], repeats: int | None, quick: bool, seed: int,
+    workers: int | None, cluster: str | None, machine: str | None, job_file: Path | None, estimators: str,
+    percents: tuple[int, ...], delivered: bool, out: Path, resume: bool, cases: int | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Run an experiment of the paper, on any recordings, and see its figures beside the published ones.
 
     importance, weighting, shares, local-vs-global and ablation are the paper's; rivals goes past it.
     extended-equation, concealed and real-mismatch prove the mismatch finder: what it adds to the equation of one
-    machine, on sealed cases, and on published recordings. A run that was stopped
-    continues where it was; more repeats add to those that are there.
+    machine, on sealed cases, and on published recordings. Results go to OUT/NAME/DATA. A run that was stopped
+    continues where it was; more repeats add to those that are there; a folder that holds another run is refused.
 
     \b
     pido experiment local-vs-global --data recordings/ --out results
@@ -72,21 +97,19 @@ def command(
 
     from pido.cli.progress import Progress
     from pido.config import load_job
+    from pido.experiments.places import folder_names
     from pido.experiments.runner import run_experiment
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
 
-    if delivered and name != "ablation":
-        raise click.UsageError(f"--delivered is an option of ablation, not of {name}.")
-    if percents and name not in ("ablation", "rivals"):
-        raise click.UsageError(f"--percent is an option of ablation and rivals, not of {name}.")
+    _meaningful(ctx, name)
     if name in PROOFS:
         _prove(name, data, out / name, cases, seed, workers or os.cpu_count() or 1, quick, resume, as_json, machine)
         return
     job = None if job_file is None else load_job(job_file)
     told = []
-    for source in data or ("worn",):
-        folder = out / name / _folder_name(source)
+    for source, place in folder_names(data or ("worn",)).items():
+        folder = out / name / place
         with Progress(f"{name}, {source}") as progress:
             result = run_experiment(
                 name, source, folder=folder, repeats=repeats, seed=seed, workers=workers or os.cpu_count() or 1,
@@ -122,6 +145,14 @@ def command(
         click.echo(json.dumps(told, indent=1))
 
 
+def _meaningful(ctx: click.Context, name: str) -> None:
+    """Raises UsageError for an option that was given and means nothing for this experiment."""
+    for param in ctx.command.params:
+        of = OPTIONS_OF.get(param.name or "", NAMES)
+        if name not in of and ctx.get_parameter_source(param.name or "") is not ParameterSource.DEFAULT:
+            raise click.UsageError(f"{param.opts[0]} is an option of {', '.join(of)}, not of {name}.")
+
+
 def _prove(
     name: str, data: tuple[str, ...], folder: Path, cases: int | None, seed: int, workers: int, quick: bool,
     resume: bool, as_json: bool, machine: str | None,
@@ -131,9 +162,21 @@ def _prove(
     import shutil
 
     from pido.cli.progress import Progress
+    from pido.experiments.places import claim, folder_names, place_digest
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
 
+    count = cases or (4 if quick else 300)
+    run = {"experiment": name, "data": "sealed cases", "data_digest": "", "seed": seed}
+    if name == "concealed":
+        claim(folder, run | {"options": {"quick": quick, "cases": count}}, fresh=not resume)
+    elif len(data) != 1:
+        raise click.UsageError(f"{name} needs {NEEDS[name]}")
+    elif Path(data[0]).exists():
+        place = folder_names(data)[data[0]]
+        run |= {"data": place, "data_digest": place_digest(data[0]), "options": {"quick": quick, "machine": machine}}
+        folder = folder / place
+        claim(folder, run, fresh=not resume)
     if not resume:
         shutil.rmtree(folder / "rows", ignore_errors=True)
     with Progress(name) as progress:
@@ -141,7 +184,6 @@ def _prove(
             from pido.experiments import concealed
             from pido.experiments.concealed_rivals import RIVALS
 
-            count = cases or (4 if quick else 300)
             solvers = concealed.solvers_named((concealed.TOOL, *(("lasso",) if quick else RIVALS)))
             table = concealed.run(
                 concealed.plan(count, seed), folder, solvers=solvers, workers=workers, on_progress=progress
@@ -151,8 +193,6 @@ def _prove(
         elif name == "extended-equation":
             from pido.experiments import extended_equation
 
-            if len(data) != 1:
-                raise click.UsageError("extended-equation needs one recording, or a folder of one machine: --data PATH")
             outcome = extended_equation.run(
                 Path(data[0]), machine=machine, quick=quick, seed=seed, on_progress=progress
             )
@@ -161,8 +201,6 @@ def _prove(
         else:
             from pido.experiments import real_mismatch
 
-            if len(data) != 1:
-                raise click.UsageError("real-mismatch needs the folder of the published recordings: --data DIR")
             outcome = real_mismatch.run(Path(data[0]), quick=quick, seed=seed, on_progress=progress)
             title = "Real machines"
             facts = [f"recordings in {Path(data[0]).name}, seed {seed}"]
@@ -177,8 +215,3 @@ def _prove(
     click.echo(f"{outcome.verdict}\n")
     for shown, table, _ in tables:
         click.echo(f"{shown}\n{table.to_string(index=False)}\n")
-
-
-def _folder_name(source: str) -> str:
-    """A name for the results of these data."""
-    return "".join(c if c.isalnum() or c in "-_" else "-" for c in Path(source).stem) or "data"

@@ -66,10 +66,12 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
     visited, count = np.unique(grid.ids(path.reduced), return_counts=True)
     seen = dict(zip(visited.tolist(), count.tolist(), strict=True))
     rows = plan_rows(report, grid, np.array([seen.get(int(b), 0) for b in report.bins]))
-    figures = {"part": program.stem, "machine": job.machine.id, **plan_figures(rows)}
+    elsewhere = sum(report.elsewhere)
+    figures = {"part": program.stem, "machine": job.machine.id, **plan_figures(rows, elsewhere)}
     if out is not None:
         write_atomically(out / "plan.json", json.dumps({**figures, "bins": rows}, indent=1))
-        write_page(plan_page(program.stem, rows, report.summary(), summary(recording)), out / "report.html")
+        page = plan_page(program.stem, rows, report.summary(), summary(recording), elsewhere)
+        write_page(page, out / "report.html")
         click.echo(f"report: {out / 'report.html'}", err=True)
     if as_json:
         click.echo(json.dumps({**figures, "bins": rows}, indent=1))

@@ -89,7 +89,7 @@ def plan(plan: Path, out: Path) -> None:
 
     from pido.core.errors import SettingsError
     from pido.reports.page import write_page
-    from pido.reports.plan import is_rows, plan_page
+    from pido.reports.plan import ELSEWHERE, is_rows, plan_page
 
     file = plan / "plan.json" if plan.is_dir() else plan
     why = ""
@@ -98,12 +98,17 @@ def plan(plan: Path, out: Path) -> None:
     except (OSError, ValueError) as error:
         why = "no such file" if isinstance(error, FileNotFoundError) else f"not readable as JSON: {error}"
     else:
-        if not (isinstance(content, dict) and "part" in content and is_rows(content.get("bins"))):
+        if not (
+            isinstance(content, dict)
+            and "part" in content
+            and is_rows(content.get("bins"))
+            and isinstance(content.get(ELSEWHERE, 0), int)
+        ):
             why = "not a plan: it needs a part, and bins with their numbers"
     if why:
         raise SettingsError(f"{file}: {why}. `pido plan PROGRAM --out FOLDER` writes plan.json.")
     rows, part = content.pop("bins"), str(content.pop("part"))
-    write_page(plan_page(part, rows, "", content), out)
+    write_page(plan_page(part, rows, "", content, content.get(ELSEWHERE, 0)), out)
     click.echo(out)
 
 

@@ -50,6 +50,24 @@ def like(table: Any, columns: Mapping[str, Array1D]) -> Any:
     return table_of(columns, module) if module in ("pandas", "polars", "pyarrow") else dict(columns)
 
 
+def column_like(column: Any, values: Array1D) -> Any:
+    """`values` as one column of the library that `column` is of, under its name; as they are where it is of none."""
+    match type(column).__module__.split(".")[0]:
+        case "pandas":
+            import pandas as pd
+
+            return pd.Series(values, name=column.name)
+        case "polars":
+            import polars as pl
+
+            return pl.Series(column.name, values)
+        case "pyarrow":
+            import pyarrow as pa
+
+            return pa.chunked_array([values]) if isinstance(column, pa.ChunkedArray) else pa.array(values)
+    return values
+
+
 def table_of(columns: Mapping[str, Array1D], library: str = "pandas") -> Any:
     """A table of 'pandas', 'polars' or 'pyarrow', with units where the library has a place for them."""
     if library == "pandas":

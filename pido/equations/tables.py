@@ -19,7 +19,7 @@ from sklearn.utils.validation import validate_data
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import CURRENT, INPUTS
+from pido.core.columns import ALIASES, CURRENT, INPUTS
 from pido.core.machining import AxisLimits, Machine
 from pido.core.samples import Samples
 from pido.core.tables import columns_of, is_table
@@ -78,12 +78,17 @@ def rows_of(values: Float2D, names: tuple[str, ...] | None, currents: Float2D) -
 
 
 def targets(y: Any) -> tuple[Float2D, tuple[str, ...] | None, bool]:
-    """(n, k) currents, their names where they have any, and whether y was one column without a second dimension."""
+    """(n, k) currents, their names where they have any, and whether y was one column without a second dimension.
+
+    y : a table, an array, or one column of a table (pandas, polars, Arrow), which may know its name
+    """
     if is_table(y):
         columns = columns_of(y)
         return np.column_stack(list(columns.values())), tuple(columns), False
     values = np.asarray(y, float)
-    return (values[:, None] if values.ndim == 1 else values), None, values.ndim == 1
+    name = getattr(y, "name", None)
+    names = (ALIASES.get(name, name),) if values.ndim == 1 and isinstance(name, str) else None
+    return (values[:, None] if values.ndim == 1 else values), names, values.ndim == 1
 
 
 def axis_of(names: tuple[str, ...] | None, count: int) -> tuple[int, ...]:

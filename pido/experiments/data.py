@@ -16,9 +16,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from pido import config
-from pido.core.arrays import Bool1D, Int1D
+from pido.core.arrays import Bool1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
-from pido.core.columns import POSITION, VELOCITY
+from pido.core.columns import CURRENT, POSITION, VELOCITY
 from pido.core.errors import PidoError, SettingsError
 from pido.core.machining import Job, Machine
 from pido.core.recording import Recording
@@ -26,6 +26,7 @@ from pido.core.samples import Samples
 from pido.preparation import job_of, prepare
 from pido.recordings import READERS, read_recording
 from pido.recordings.check import check, usable_mask
+from pido.recordings.faults import ERROR
 
 log = logging.getLogger(__name__)
 
@@ -77,9 +78,13 @@ def load_fleet(
     family : 'impellers' (validation) or 'design' (gear, plate, notch in two materials), for virtual machines
     machine, job : for recordings that do not say what machine they are of and what was cut
     count : number of impellers
-    Raises DataError where fewer than two sets are usable.
+    Raises DataError where fewer than two sets are usable, or no axis has a current that changes.
     """
     fleet = _virtual(data, family, seed, count) if data in VIRTUAL else _recorded(Path(data), machine, job)
+    if not any(varies(samples.currents).any() for samples in fleet.sets.values()) and fleet.sets:
+        raise DataError(
+            f"{data}: no axis has a current that changes, and currents are what is predicted. " + " ".join(fleet.notes)
+        )
     if len(fleet.sets) < 2:
         raise DataError(
             f"{data}: {len(fleet.sets)} usable set(s) of samples; an experiment leaves one out, so it needs two. "
@@ -147,13 +152,29 @@ def _recorded(path: Path, machine: str | None, job: Job | None) -> Fleet:
 
 def rows_of(recording: Recording, machine: Machine, job: Job | None = None) -> tuple[Samples, tuple[str, ...]]:
     """Checked rows of one recording at 50 Hz or its own lower rate, as production makes them; of an air cut those at
-    the levels where the tool works. A part about which nobody says what was cut is taken as an air cut."""
+    the levels where the tool works. A part about which nobody says what was cut is taken as an air cut.
+
+    An axis whose current was not recorded, or cannot be used, has NaN and a note; one whose current never changes has a
+    note. Raises DataError where none has a current, and for other faults that make a recording unusable; RecordingError
+    where no row is left.
+    """
     from pido.recordings.resample import resample
 
-    usable = usable_mask(recording, check(recording, machine))
+    faults = check(recording, machine)
+    lost = {f.column: f for f in faults if f.column in CURRENT.values() and f.severity == ERROR}
+    if errors := [f for f in faults if f.severity == ERROR and f.column not in lost]:
+        lines = "\n".join(f"  {fault}" for fault in errors)
+        raise DataError(f"{recording.part.part}: {len(errors)} fault(s) that make it unusable:\n{lines}")
+    idle = [f for f in faults if f.kind == "constant" and f.column in CURRENT.values()]
+    left_out = tuple(
+        f"without a current of axis {f.column.removeprefix('curr_')}: {f.what}" for f in (*lost.values(), *idle)
+    )
+    if not {*CURRENT.values()} & {*recording.columns} - {*lost}:
+        raise DataError(f"{recording.part.part}: no axis has a current that can be used. {' '.join(left_out)}")
+    usable = usable_mask(recording, tuple(f for f in faults if f.column not in lost))
     keep = {"time", *POSITION.values(), "nc_line", "tool_id", "coolant"}
     blank = {
-        name: np.where(usable, values, np.nan)
+        name: np.where(usable & (name not in lost), values, np.nan)
         for name, values in recording.columns.items()
         if name not in keep and values.dtype != object
     }
@@ -162,7 +183,8 @@ def rows_of(recording: Recording, machine: Machine, job: Job | None = None) -> t
         recording = resample(recording, RATE_HZ)
     materials = {name: config.material(name) for name in config.shipped("materials")}
     known = job_of(recording, job, machine, materials)
-    samples, notes = prepare(recording, machine, known, recording.part.part, air_cut=True)
+    samples, said = prepare(recording, machine, known, recording.part.part, air_cut=True)
+    notes = (*left_out, *said)
     if not (samples.ar > 0).any():
         works = working(recording, machine)[samples.row]
         notes = (
@@ -171,6 +193,16 @@ def rows_of(recording: Recording, machine: Machine, job: Job | None = None) -> t
         )
         samples = samples.take(works)
     return samples, notes
+
+
+def varies(currents: Float2D) -> Bool1D:
+    """(4,): axes whose currents (n, 4) were recorded and change.
+
+    >>> varies(np.array([[1.0, np.nan, 0.1, np.nan], [2.0, np.nan, 0.1, 3.0]])).tolist()
+    [True, False, False, False]
+    """
+    recorded = (column[np.isfinite(column)] for column in currents.T)
+    return np.array([len(values) > 0 and bool(np.ptp(values) > 0) for values in recorded])
 
 
 def working(recording: Recording, machine: Machine) -> Bool1D:

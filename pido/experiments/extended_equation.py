@@ -31,7 +31,7 @@ from pido.diagnosis.correct import correct
 from pido.diagnosis.diagnose import diagnose
 from pido.equations.fit import fit_global
 from pido.experiments.base import Outcome, Shown
-from pido.experiments.data import DataError, rows_of, runs
+from pido.experiments.data import DataError, rows_of, runs, varies
 from pido.feature_space.regional import sectors
 from pido.models.axis_models import AxisModels
 from pido.recordings import READERS, read_recording
@@ -62,9 +62,14 @@ def run(
     seed: int = 0,
     on_progress: Callable[[int, int, str], None] = lambda done, of, what: None,
 ) -> Outcome:
-    """Measure all splits (`quick`: the first run left out alone). DataError where runs are too few."""
+    """Measure all splits (`quick`: the first run left out alone).
+
+    Raises DataError where runs are too few, or no axis can be judged.
+    """
     mill, each, notes = _runs(path, machine)
     axes = _feeding(each, mill)
+    if not axes:
+        raise DataError(f"{path}: no linear axis that feeds has a current that changes. {' '.join(notes)}")
     splits = list(_splits(each, quick))
     rows, found = [], []
     for k, (split, train, test) in enumerate(splits):
@@ -126,7 +131,7 @@ def _feeding(each: list[Run], mill: Machine) -> tuple[str, ...]:
     """Linear axes with a current that move in a twentieth of the rows."""
     rows = Samples.concat([r.samples for r in each])
     moves = {a: np.mean(np.abs(rows.inputs[:, k]) > mill.dead_band(a)) for k, a in enumerate(LINEAR_AXES)}
-    known = np.isfinite(rows.currents).any(axis=0) & (np.nanstd(rows.currents, axis=0) > 0)
+    known = varies(rows.currents)
     return tuple(a for k, a in enumerate(LINEAR_AXES) if known[k] and moves[a] > _FEEDS)
 
 

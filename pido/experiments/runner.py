@@ -2,7 +2,7 @@
 
 In:  name, data, repeats, seed, where to work, a folder.
 Out: `units/<digest>.parquet` per unit (whole or not at all), `results.parquet` with the rows of all in the order of the
-     plan, `experiment.json`, and the `Outcome`.
+     plan, `experiment.json`, and the `Outcome`. A folder is of one run.
 
 A unit's file is named by everything that decides its rows: experiment, data, seed, key, values, code. Continuing a run,
 or asking for more repeats, computes what is not there yet. The table does not depend on the number of workers.
@@ -28,10 +28,11 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from pido.core.errors import PidoError, SettingsError
-from pido.core.files import replacing, write_atomically
+from pido.core.files import replacing
 from pido.core.machining import Job
 from pido.experiments.base import Experiment, Options, Outcome, Rows, Unit, experiment
-from pido.experiments.data import Fleet, load_fleet
+from pido.experiments.data import DataError, Fleet, load_fleet
+from pido.experiments.places import claim
 from pido.workspace import code_version
 
 log = logging.getLogger(__name__)
@@ -84,8 +85,9 @@ def run_experiment(
     repeats : 30 if not given, a few with `quick`
     estimators, percents, delivered : as `Options` says
     workers : processes on this machine; cluster : address of a Dask scheduler, or 'local' for Dask on this machine
-    resume : use the units that the folder holds already
-    Raises SettingsError for an unknown experiment, DataError for data that it cannot use, ClusterError.
+    resume : use the units that the folder holds already; without, whatever it holds is replaced
+    Raises SettingsError for an unknown experiment or a folder that holds another run, DataError for data that it cannot
+    use, ClusterError.
     """
     what = experiment(name)
     repeats = (what.quick_repeats if quick else 30) if repeats is None else repeats
@@ -98,6 +100,12 @@ def run_experiment(
     units = list(what.plan(fleet, options))
     if twice := len(units) - len({unit.key for unit in units}):
         raise SettingsError(f"experiment '{name}' plans {twice} unit(s) twice.")
+    facts = {
+        "experiment": name, "data": fleet.name, "data_digest": fleet.digest(), "notes": list(fleet.notes), "seed": seed,
+        "sets": {k: len(s) for k, s in fleet.sets.items()}, "options": asdict(options), "units": len(units),
+        "code": code_version(),
+    }  # fmt: skip
+    claim(folder, facts, fresh=not resume)
     place, under = folder / "units", _identity(name, fleet, seed)
     place.mkdir(parents=True, exist_ok=True)
     files = {unit.key: place / f"{_digest(under, unit)}.parquet" for unit in units}
@@ -108,14 +116,13 @@ def run_experiment(
         _write(pd.DataFrame(rows), files[unit.key])
         on_progress(done, len(units), unit.key)
     parts = [pd.read_parquet(files[unit.key]) for unit in units]
+    if not any(len(part) for part in parts):
+        raise DataError(
+            f"{fleet.name}: none of the {len(units)} units of '{name}' could be measured: too few rows per set, or no "
+            f"current that changes. {' '.join(fleet.notes)}"
+        )
     table = pd.concat([part for part in parts if len(part)], ignore_index=True)
     _write(table, folder / "results.parquet")
-    facts = {
-        "experiment": name, "data": fleet.name, "data_digest": fleet.digest(), "notes": list(fleet.notes), "seed": seed,
-        "sets": {k: len(s) for k, s in fleet.sets.items()}, "options": asdict(options), "units": len(units),
-        "code": code_version(),
-    }  # fmt: skip
-    write_atomically(folder / "experiment.json", json.dumps(facts, indent=1))
     return Result(what, fleet, options, table, what.summarise(table), len(units), found)
 
 
@@ -224,7 +231,7 @@ def _code() -> str:
     """Digest of the experiments' own code."""
     text = hashlib.sha256()
     for path in sorted(Path(__file__).parent.glob("*.py")):
-        if path.stem not in ("runner", "paper"):
+        if path.stem not in ("runner", "paper", "places"):
             text.update(path.read_bytes())
     return text.hexdigest()
 

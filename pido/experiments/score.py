@@ -12,6 +12,7 @@ from pido.core.arrays import Bool1D, Float2D
 from pido.core.axes import AXES
 from pido.core.samples import Samples
 from pido.experiments.base import Rows
+from pido.experiments.data import varies
 from pido.models.metrics import axis_metrics
 
 WINDOW = 5
@@ -44,11 +45,11 @@ def score(samples: Samples, predicted: Float2D, where: Bool1D | None = None) -> 
     """One row per recorded axis: axis, n, rmse, r2, mae, error_99, peak, at_changes (A); over the rows `where`."""
     rows: Rows = []
     keep = np.ones(len(samples), bool) if where is None else where
-    moving = changes(samples)
+    moving, live = changes(samples), varies(samples.currents)
     for i, axis in enumerate(AXES):
         recorded, guess = samples.currents[keep, i], predicted[keep, i]
         found = axis_metrics(recorded, guess)
-        if not found.n or not np.nanstd(samples.currents[:, i]) > 0:
+        if not found.n or not live[i]:
             continue
         error = (guess - recorded)[moving[keep, i]]
         error = error[np.isfinite(error)]

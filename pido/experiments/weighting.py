@@ -23,7 +23,7 @@ from pido.equations.terms import PAPER
 from pido.equations.weights import Kernel
 from pido.experiments import paper
 from pido.experiments.base import Experiment, Options, Outcome, Rows, Shown, Unit
-from pido.experiments.data import Fleet
+from pido.experiments.data import Fleet, varies
 from pido.experiments.importance import groups
 from pido.feature_space.density import relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, Grid
@@ -63,7 +63,7 @@ def measure(fleet: Fleet, params: Mapping[str, Any], rng: np.random.Generator) -
     moments = Moments(PAPER, fleet.machine, CELLS)
     moments.add(train)
     bins = relevant_bins(test.reduced, EQUATION_GRID)
-    live = [i for i in range(4) if np.nanstd(test.currents[:, i]) > 0]
+    live = np.flatnonzero(varies(test.currents)).tolist()
     studies = [optuna.create_study(sampler=optuna.samplers.TPESampler(seed=int(rng.integers(2**31)))) for _ in range(4)]
 
     def errors(kernels: list[Kernel]) -> np.ndarray:

@@ -5,6 +5,7 @@ In:  a verdict, tables, what differs, facts. Out: a `Page`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -62,12 +63,13 @@ def _steps(title: str, table: pd.DataFrame) -> Any | None:
         return None
     plot = signal_figure(f"{title}: {rows[0]['scenario']}", "percent of the file, or files", "as in the table")
     steps = [float(row["step"]) for row in rows]
-    for colour, name in zip(_colours(len(names)), names, strict=True):
+    for (colour, dash), name in zip(_strokes(len(names)), names, strict=True):
         values = np.asarray(pd.to_numeric([str(row[name]).rstrip("*") for row in rows], errors="coerce"), float)
-        plot.line(steps, values, color=colour, legend_label=name, line_width=2)
+        plot.line(steps, values, color=colour, line_dash=dash, legend_label=name, line_width=2)
     return plot
 
 
-def _colours(n: int) -> list[str]:
-    known = list(COLOURS.values())
-    return [known[k % len(known)] for k in range(n)]
+def _strokes(n: int) -> list[tuple[str, str]]:
+    """Colour and dash of n lines, all different: the colours solid, then again dashed, dotted, in dots and dashes."""
+    dashes = ("solid", "dashed", "dotted", "dotdash")
+    return list(itertools.islice(((c, d) for d in dashes for c in COLOURS.values()), n))

@@ -20,6 +20,9 @@ from pido.reports.page import Page, Section, Table, number, signal_figure
 from pido.reports.words import of_a_run
 from pido.sampling.optimise import Report
 
+ELSEWHERE = "would_generate_in_other_bins"
+"""Key of a plan: generated rows in no bin of the part."""
+
 
 def plan_rows(report: Report, grid: Grid, visits: np.ndarray) -> list[dict[str, float]]:
     """One row per relevant bin, the most visited first.
@@ -50,8 +53,11 @@ def is_rows(rows: Any) -> bool:
     )
 
 
-def plan_figures(rows: list[dict[str, float]]) -> dict[str, Any]:
-    """What a person asks first: how many bins, how many are empty, how much of the part runs in known bins."""
+def plan_figures(rows: list[dict[str, float]], elsewhere: int = 0) -> dict[str, Any]:
+    """What a person asks first: how many bins, how many are empty, how much of the part runs in known bins.
+
+    elsewhere : generated rows in no bin of the part
+    """
     coming = sum(row["coming"] for row in rows)
     known = sum(row["coming"] for row in rows if row["real"] > 0)
     return {
@@ -61,17 +67,21 @@ def plan_figures(rows: list[dict[str, float]]) -> dict[str, Any]:
         "real_samples_in_them": sum(row["real"] for row in rows),
         "pia_would_generate": sum(row["pia"] for row in rows),
         "pie_would_generate": sum(row["pie"] for row in rows),
+        ELSEWHERE: elsewhere,
     }
 
 
-def plan_page(part: str, rows: list[dict[str, float]], refused: str, summary: Mapping[str, Any]) -> Page:
-    """The plan of one part."""
-    figures = plan_figures(rows)
+def plan_page(
+    part: str, rows: list[dict[str, float]], refused: str, summary: Mapping[str, Any], elsewhere: int = 0
+) -> Page:
+    """The plan of one part; `elsewhere` as in `plan_figures`."""
+    figures = plan_figures(rows, elsewhere)
     verdict = (
         f"{figures['share_of_the_part_in_known_bins']:.0%} of this part runs at speeds and removals of which "
         f"recordings exist. Of its {figures['relevant_bins']} bins of speed and removal "
         f"{figures['bins_without_real_samples']} hold no recorded sample; PiDO would generate "
-        f"{figures['pia_would_generate'] + figures['pie_would_generate']} rows."
+        f"{figures['pia_would_generate'] + figures['pie_would_generate']} rows in them"
+        f"{f', and {elsewhere} between recorded rows in other bins' if elsewhere else ''}."
     )
     plots = [
         _map("Recorded samples per bin, over all AR", rows, "real"),

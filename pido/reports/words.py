@@ -44,8 +44,9 @@ OF_A_RUN = {
     "largest_f_sp_n": "largest cutting force, N",
     "largest_m_sp_nm": "largest spindle torque, N·m",
     "share_of_the_part_in_known_bins": "share of the part in known bins",
-    "pia_would_generate": "PiA would generate",
-    "pie_would_generate": "PiE would generate",
+    "pia_would_generate": "PiA would generate in them",
+    "pie_would_generate": "PiE would generate in them",
+    "would_generate_in_other_bins": "in other bins, between recorded rows",
 }
 """Figures of a simulated run and of a plan, with their units."""
 

@@ -19,7 +19,7 @@ from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.columns import INPUTS
 from pido.core.machining import Machine
 from pido.core.samples import ORIGINS, PIA, REAL, Samples
-from pido.core.tables import is_table, like
+from pido.core.tables import column_like, is_table, like
 from pido.equations.tables import ANY_MILL, axis_of, checked, column_of, named_columns, rows_of, spread, targets
 from pido.feature_space.grid import Grid
 from pido.sampling.gate import Gate
@@ -36,12 +36,14 @@ class PiDOSampler(BaseEstimator):
     method : 'adaptive' chooses the equation per axis from held-out rows and gates what it says; 'paper' is as printed
     density, pia, pie : target density in samples per bin, and names of the share rules of eq. 15 and 16
     leverage_quantile : largest leverage of a generated row, as a quantile of the real rows'; None: no gate
-    incomplete : a row of which one axis' current was refused by the gate is left out ('drop'), or has NaN there ('nan')
+    incomplete : a row of which one axis' current was refused by the gate is left out ('drop'), or has NaN there
+        ('nan'); an axis of y that was not recorded at all is NaN in every row, and leaves none out
     random_state : int, numpy RandomState or None
 
     After `fit_resample`, one entry per row: `sample_origin_` (arrays: `origin` 'real', 'pia' or 'pie'; `row` in X,
     -1 for PiE; bin centre `v_x`, `v_y`, `ar`, NaN for real rows; `expected_error`, A) and `sample_weight_` (how
-    much a row should count); `sample_indices_` (the rows of X behind real and PiA rows) and `report_` (bin by bin).
+    much a row should count); `sample_indices_` (the rows of X behind real and PiA rows) and `report_` (bin by bin, of
+    the rows that are returned).
     """
 
     def __init__(
@@ -75,23 +77,33 @@ class PiDOSampler(BaseEstimator):
     def fit_resample(self, X: Any, y: Any, *, part: Any = None) -> tuple[Any, Any]:
         """(X, y) with generated rows after the real ones, in the kind of table or array that came in.
 
-        X : (n, k); y : (n,) or (n, m), A, m <= 4, NaN where a current was not recorded
+        X : (n, k); y : (n,) or (n, m), A, m <= 4, NaN where a current was not recorded; a column of a table is of the
+        axis that its name says (`curr_sp`)
         part : (n,) names of the parts that the rows come from; held-out choices then leave whole parts out
-        Raises ValueError for columns that are not understood and for values that are missing; FitError for settings.
+        Raises ValueError for columns and options that are not understood and for values that are missing; FitError for
+        settings.
         """
         values, names, real, axes, flat = self._rows(X, y)
         if part is not None:
-            real = replace(real, part=np.asarray(part, dtype=object))
+            parts = np.asarray(part, dtype=object)
+            if parts.shape != (len(real),):
+                raise ValueError(
+                    f"part has the shape {parts.shape}; it names the part of each of {len(real)} rows of X."
+                )
+            real = replace(real, part=parts)
+        recorded = np.isfinite(real.currents[:, axes]).any(axis=0)
+        if not recorded.any():
+            raise ValueError("Input y contains NaN only: rows are generated with currents, and none was recorded.")
         machine, method = self.machine or ANY_MILL, self._method()
         path = real if self.path is None else self._path()
         seed = check_random_state(self.random_state).randint(np.iinfo(np.int32).max)
         rng = np.random.default_rng(seed)
         balanced = balance_for(path, real, machine, method, adapt(real, machine, method), rng=rng)
         generated, weights = balanced.generated, balanced.weights
-        known = np.isfinite(generated.currents[:, axes])
+        known = np.isfinite(generated.currents[:, axes][:, recorded])
         keep = np.flatnonzero(known.all(axis=1) if self.incomplete == "drop" else known.any(axis=1))
         generated, weights = generated.take(keep), weights[keep][:, axes]
-        self._describe(real, generated, weights, balanced.report, method.grid)
+        self._describe(real, generated, weights, balanced.report.counting(generated), method.grid)
         more_X = np.column_stack([column_of(generated, name) for name in (names or INPUTS[: values.shape[1]])])
         more_y = generated.currents[:, axes]
         return _joined(X, values, more_X, names, False), _joined(y, real.currents[:, axes], more_y, self._targets, flat)
@@ -114,6 +126,8 @@ class PiDOSampler(BaseEstimator):
         return rows_of(values, names, np.full((len(values), 4), np.nan))
 
     def _method(self) -> Method:
+        if self.incomplete not in ("drop", "nan"):
+            raise ValueError(f"incomplete '{self.incomplete}': it is 'drop' or 'nan'.")
         for name in (self.pia, self.pie):
             if name not in SHARES:
                 raise ValueError(f"no share rule '{name}'; there are {', '.join(SHARES)}.")
@@ -155,6 +169,8 @@ def _joined(template: Any, own: Float2D, more: Float2D, names: tuple[str, ...] |
     values = np.vstack([own, more])
     if names is not None and is_table(template):
         return like(template, {name: values[:, k] for k, name in enumerate(names)})
+    if flat and not isinstance(template, np.ndarray | list):
+        return column_like(template, values[:, 0])
     dtype = getattr(template, "dtype", None)
     values = values[:, 0] if flat else values
     if isinstance(template, list):

@@ -16,6 +16,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D, Float3D, Int2D
 from pido.core.axes import AXES
+from pido.core.errors import FitError
 from pido.core.machining import Machine
 
 PASSED, NO_SUPPORT, WORSE_THAN_MODEL, BEYOND_DRIVE, NOT_RECORDED = range(5)
@@ -34,6 +35,10 @@ class Gate:
     quantile: float | None = 0.95
     compare: bool = True
     margin: float = 0.9
+
+    def __post_init__(self) -> None:
+        if self.quantile is not None and not 0 < self.quantile <= 1:
+            raise FitError(f"leverage quantile {self.quantile}: it lies above 0 and up to 1, or is None for no gate.")
 
     def limits(self, fitted_leverage: Float2D) -> Float1D:
         """(4,): the largest leverage that may pass."""

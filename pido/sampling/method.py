@@ -3,6 +3,9 @@
 In:  real samples, the coming part's path, the machine, a `Method`; for adapting, a way to train a model.
 Out: generated rows with weights, the report, and the equations they came from.
 
+`paper`'s rows fill the coming part's bins. Where a model is at hand, `adaptive` takes rows of the coming path (PiE),
+and rows between recorded ones wherever these lie (PiA), as far as models gained by them on rows held out.
+
 `paper`    everything as printed: 17 terms, table 2, eq. 15 and 16, no gate
 `adaptive` terms, width and reach of the weights per axis from held-out rows; a gate; and, with a model at hand, per
            axis and region how far the equation's word is followed and how densely, from plays of an arrival, or not
@@ -214,8 +217,8 @@ def _trusted(
     asked = np.bincount(locate(needed, rows.voxel)[1], minlength=len(needed)) if n else np.zeros_like(needed)
     refused = np.stack([((verdict == reason) & asks).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
     n_real = occupancy(real.reduced, method.grid).count_in(needed)
-    pia, pie = (occupancy_of(generated, origin, needed) for origin in (PIA, PIE))
-    report = Report(needed, n_real, pia, asked, pia, pie, refused)
+    pia = occupancy_of(generated, PIA, needed)
+    report = Report(needed, n_real, pia, asked, pia, np.zeros_like(pia), refused).counting(generated)
     log.info("%s", report.summary())
     return Balanced(generated, np.full((len(generated), 4), method.omega_generated), report, fitted)
 
@@ -245,7 +248,7 @@ def _balanced(
     if method.weigh_by_certainty and adaptation.model_error is not None:
         typical = np.nan_to_num(adaptation.model_error.rmse()[1], nan=1.0, posinf=1.0)
         weights = certainty_weights(generated.origin, generated.expected_error, typical, method.omega_generated)
-    report = reports[0] if len(reports) == 1 else _joined(reports)
+    report = (reports[0] if len(reports) == 1 else _joined(reports)).counting(generated)
     return Balanced(generated, weights, report, lambda: equations)
 
 
@@ -255,7 +258,5 @@ def _equation_bins(path: Samples, method: Method) -> Int1D:
 
 
 def _joined(reports: list[Report]) -> Report:
-    most = {
-        name: np.max([getattr(r, name) for r in reports], axis=0) for name in ("asked_pia", "asked_pie", "pia", "pie")
-    }
-    return replace(reports[0], refused=np.sum([r.refused for r in reports], axis=0), **most)
+    sums = {name: np.sum([getattr(r, name) for r in reports], axis=0) for name in ("asked_pia", "asked_pie", "refused")}
+    return replace(reports[0], **sums)

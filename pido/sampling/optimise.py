@@ -16,7 +16,7 @@ from pido.core.arrays import Float2D, Float3D, Int1D, Int2D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.core.machining import Machine
-from pido.core.samples import PIA, Samples
+from pido.core.samples import PIA, PIE, Samples
 from pido.feature_space.density import locate, occupancy
 from pido.feature_space.grid import SAMPLING_GRID, Grid
 from pido.feature_space.regional import HeldOut
@@ -40,8 +40,9 @@ class Equations(Protocol):
 class Report:
     """What was asked for and what came of it, per bin (b,), ascending.
 
-    asked_pia, asked_pie : rows that the share rule wants; pia, pie : rows that have at least one current
+    asked_pia, asked_pie : rows that the share rule wants; pia, pie : rows that lie there, with at least one current
     refused : (5, 4) – generated currents per reason (`gate.REASONS`) and axis
+    elsewhere : PiA and PiE rows in no bin of the coming part
     """
 
     bins: Int1D
@@ -51,12 +52,21 @@ class Report:
     pia: Int1D
     pie: Int1D
     refused: Int2D
+    elsewhere: tuple[int, int] = (0, 0)
+
+    def counting(self, generated: Samples) -> Report:
+        """The same with these rows as what came of it."""
+        pia, pie = (occupancy_of(generated, origin, self.bins) for origin in (PIA, PIE))
+        pia_all, pie_all = (int((generated.origin == origin).sum()) for origin in (PIA, PIE))
+        return replace(self, pia=pia, pie=pie, elsewhere=(pia_all - int(pia.sum()), pie_all - int(pie.sum())))
 
     def summary(self) -> str:
         """One line per origin, one per reason and axis that refused anything."""
         lines = [f"{len(self.bins)} bins, {self.real.sum()} real samples in them"]
-        for name, asked, made in (("PiA", self.asked_pia, self.pia), ("PiE", self.asked_pie, self.pie)):
-            lines.append(f"{name}: {asked.sum()} asked for, {made.sum()} let through")
+        kinds = (("PiA", self.asked_pia, self.pia), ("PiE", self.asked_pie, self.pie))
+        for (name, asked, made), beside in zip(kinds, self.elsewhere, strict=True):
+            more = f", and {beside} in bins that the coming part does not go through" if beside else ""
+            lines.append(f"{name}: {asked.sum()} asked for, {made.sum()} let through{more}")
         for reason, counts in zip(REASONS[1:], self.refused[1:], strict=True):
             if counts.any():
                 lines.append(f"{reason}: " + ", ".join(f"{a} {n}" for a, n in zip(AXES, counts, strict=True) if n))
@@ -112,17 +122,17 @@ def optimise(
     passed = verdict == PASSED
     rows = replace(rows, currents=np.where(passed, current, np.nan), expected_error=np.where(passed, error, np.nan))
     generated = rows.take(passed.any(axis=1))
-    counted = [occupancy_of(generated, origin, bins) for origin in (PIA, PIA + 1)]
     refused = np.stack([(verdict == reason).sum(axis=0) for reason in range(NOT_RECORDED + 1)])
-    report = Report(bins, n_real, n_pia, n_pie, counted[0], counted[1], refused)
+    none = np.zeros(len(bins), np.int64)
+    report = Report(bins, n_real, n_pia, n_pie, none, none, refused).counting(generated)
     log.info("%s", report.summary())
     return generated, report
 
 
 def occupancy_of(samples: Samples, origin: int, bins: Int1D) -> Int1D:
-    """(b,): rows of one origin that were generated for each of `bins` (ascending)."""
-    mine = samples.voxel[samples.origin == origin]
-    return np.bincount(locate(bins, mine)[1], minlength=len(bins)) if len(mine) else np.zeros(len(bins), np.int64)
+    """(b,): rows of one origin in each of `bins` (ascending)."""
+    found, at = locate(bins, samples.voxel[samples.origin == origin])
+    return np.bincount(at[found], minlength=len(bins))
 
 
 def _pia(real: Samples, ids: Int1D, bins: Int1D, number: Int1D, rng: np.random.Generator) -> Samples:

@@ -83,8 +83,8 @@ class ShareRule:
     rounding: Literal["stochastic", "nearest"] = "stochastic"
 
     def __post_init__(self) -> None:
-        if not self.density > 0:
-            raise FitError(f"target density {self.density}: it must be positive (samples per bin).")
+        if not 0 < self.density < np.inf:
+            raise FitError(f"target density {self.density}: it must be positive and finite (samples per bin).")
 
     def wanted(self, n_real: Int1D, rng: np.random.Generator) -> tuple[Int1D, Int1D]:
         """Number of PiA and PiE samples for bins that hold `n_real`. PiA never exceeds n_real: each is drawn once."""

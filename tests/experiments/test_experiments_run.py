@@ -17,11 +17,13 @@ from pido.experiments import runner
 from pido.experiments.base import MODULES, Unit, experiment
 from pido.experiments.cells import FILES, RANDOM, TIME, cells, reduced
 from pido.experiments.data import Fleet, load_fleet, runs
+from pido.experiments.local_vs_global import CHOSEN
 from pido.experiments.runner import measure, run_experiment
 from pido.experiments.score import changes
 from pido.experiments.variants import DELIVERED, OTHERS
 from pido.feature_space.density import occupancy
 from pido.feature_space.grid import SAMPLING_GRID
+from pido.reports.experiment import _strokes
 
 
 def part(name: str, seed: int, n: int = 360) -> Samples:
@@ -111,13 +113,6 @@ def test_more_repeats_add_to_those_that_are_there(fleet, tmp_path):
     pd.testing.assert_frame_equal(more.table[more.table.repeat == 0].reset_index(drop=True), few.table)
 
 
-def test_results_of_other_data_or_another_seed_are_never_taken_for_these(fleet, tmp_path):
-    run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True)
-    other = Fleet(fleet.name, fleet.machine, {**fleet.sets, "p0": part("p0", 99)})
-    assert run_experiment("importance", other, folder=tmp_path, repeats=1, quick=True).found == 0
-    assert run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True, seed=1).found == 0
-
-
 def test_forests_find_the_inputs_that_the_currents_were_made_of(fleet, tmp_path):
     table = run_experiment("importance", fleet, folder=tmp_path, repeats=1, quick=True).table
     first = {a: g.loc[g.permutation.idxmax(), "input"] for a, g in table.groupby("axis") if a in ("x", "sp")}
@@ -144,8 +139,40 @@ def test_an_ablation_of_chosen_percents_measures_those_and_nothing_else(fleet, t
     assert set(result.table.step) == {20, 40}
     assert set(result.table.scenario) == {TIME, RANDOM}
     assert set(result.table.variant) == set(DELIVERED)
+    assert "at 20, 40 % of a file" in result.outcome.verdict
+    most = experiment("ablation").summarise(result.table.assign(step=result.table.step + 50)).verdict
+    assert "at 70, 90 % of a file" in most
+    assert "nan" not in most
+    said = " ".join(result.outcome.differs)
+    assert "between a recorded row and a similar one (as in SMOGN)" in said
+    assert "outside the coming part's bins" in said
     with pytest.raises(PidoError, match="1 to 100"):
         run_experiment("ablation", fleet, folder=tmp_path, repeats=1, quick=True, percents=(0,))
+
+
+def test_pages_say_how_many_sets_were_left_out_and_fit_no_order_that_shares_do_not_determine():
+    left = pd.DataFrame(
+        {
+            "split": "one left out", "where": "all", "train": "a, b", "test": ["c", "c", "d", "d"], "axis": "x",
+            "model": ["constant", CHOSEN] * 2, "rmse": 1.0, "r2": 0.5, "hidden": "", "terms": "held",
+        }
+    )  # fmt: skip
+    told = experiment("local-vs-global").summarise(left)
+    assert "here it is 2 of 4 sets left out, each once" in told.differs[-1]
+    rows = [
+        {"train": t, "distance": d, "real": r, "repeat": 0, "axis": "x", "pia": a, "pie": e,
+         "rmse": 1 - a * r / 1e4 + e}
+        for t, d in (("a", 1.0), ("b", 2.0)) for r in (0, 30, 60, 100) for a in (0, 8) for e in (0, 5)
+    ]  # fmt: skip
+    orders, functions, *_ = experiment("shares").summarise(pd.DataFrame(rows)).tables
+    assert orders.table["order"].tolist() == [1, 2, 3]
+    assert "ours of order 3" in functions.text[0]
+    assert "pie, ours" in functions.table
+
+
+def test_lines_of_a_plot_are_told_apart_however_many_there_are():
+    strokes = _strokes(20)
+    assert len(set(strokes)) == 20
 
 
 def test_an_unknown_experiment_names_the_known_ones(fleet, tmp_path):

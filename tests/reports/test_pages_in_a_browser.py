@@ -20,7 +20,12 @@ def page(tmp_path_factory):
         plot.line(np.arange(100.0), np.sin(np.arange(100.0)), legend_label="recorded")
         plots.append(plot)
     table = Table([f"column {k}" for k in range(9)], [["a value of some length"] * 9] * 3)
-    sections = [Section("Signals", ["words"], table, plots[:1]), Section("More", figures=plots[1:], folded=True)]
+    wide = Table([f"another variant, {k}" for k in range(18)], [["+12.3*"] * 18] * 3)
+    sections = [
+        Section("Signals", ["words"], table, plots[:1]),
+        Section("Wide", table=wide),
+        Section("More", figures=plots[1:], folded=True),
+    ]
     place = tmp_path_factory.mktemp("page") / "page.html"
     write_page(Page('Part <script>document.title="run"</script>', "Nothing unusual.", sections), place)
     return place.as_uri()
@@ -72,3 +77,20 @@ def test_on_paper_each_plot_is_whole_and_on_the_screen_again_as_before(opened):
     assert all(width * zoom <= PAPER_PX + 1 for width, zoom in zip(before, zoomed, strict=True))
     opened.execute_script("window.dispatchEvent(new Event('afterprint'))")
     assert opened.execute_script(widths) == before
+
+
+def test_a_table_wider_than_the_page_scrolls_on_the_screen_and_is_whole_on_paper(opened):
+    widest = "return Math.max(...[...document.querySelectorAll('table')].map(t => t.getBoundingClientRect().width))"
+    assert opened.execute_script(
+        "return [...document.querySelectorAll('table')].every(t => t.scrollWidth <= t.parentElement.clientWidth"
+        " || getComputedStyle(t.parentElement).overflowX === 'auto')"
+    )
+    opened.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    opened.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": int(PAPER_PX), "height": 900, "deviceScaleFactor": 1, "mobile": False},
+    )
+    try:
+        assert opened.execute_script(widest) <= PAPER_PX + 1
+    finally:
+        opened.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})

@@ -32,5 +32,12 @@ def test_the_most_visited_bin_stands_first_and_the_known_share_counts_samples_no
 def test_the_page_of_a_plan_opens_with_its_verdict_and_escapes_names():
     page = render(plan_page("<b>p</b>", plan_rows(report(), GRID, np.array([10, 60, 30])), "", {"duration_s": 3.5}))
     assert "10% of this part runs" in page
-    assert "Of its 3 bins of speed and removal 2 hold no recorded sample; PiDO would generate 5 rows" in page
+    assert "Of its 3 bins of speed and removal 2 hold no recorded sample; PiDO would generate 5 rows in them." in page
     assert "<b>p</b>" not in page
+
+
+def test_rows_in_other_bins_are_told_apart_from_those_in_the_parts_own():
+    rows = plan_rows(report(), GRID, np.array([10, 60, 30]))
+    assert plan_figures(rows, 900)["would_generate_in_other_bins"] == 900
+    page = render(plan_page("p", rows, "", {}, 900))
+    assert "PiDO would generate 5 rows in them, and 900 between recorded rows in other bins." in page

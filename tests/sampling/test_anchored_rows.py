@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.samples import PIA, PIE, Samples
+from pido.equations.choose import PAPER_CHOICE
 from pido.feature_space.grid import SAMPLING_GRID
 from pido.models.axis_models import quick_trainer
 from pido.sampling.anchored import PER_ROW, anchored, unsaid
+from pido.sampling.method import Adaptation, Method, balance_for
+from pido.sampling.shares import ShareRule
 from pido.sampling.trust import learn
-from tests.sampling.test_sampling import MILL, milling
+from tests.sampling.test_sampling import MILL, half_trusted, milling
 
 
 def as_before(samples, weights):
@@ -138,3 +141,17 @@ def run_ups(n: int, seed: int = 0) -> Samples:
 
 def test_they_are_used_where_a_forest_draws_a_few_rows_to_their_surroundings():
     assert learn(run_ups(400), MILL, quick_trainer()).anchored[3]
+
+
+def test_the_report_counts_rows_in_the_bins_in_which_they_lie_and_says_how_many_lie_in_none_of_the_part():
+    real, path = milling(600, 1), milling(200, 2, turn=(0.0, np.pi / 2))
+    trust = replace(half_trusted(0), anchored=(True,) * 4)
+    found = Adaptation(PAPER_CHOICE, None, (ShareRule(),) * 4, {}, len(real), trust)
+    made = balance_for(path, real, MILL, Method(), found, rng=np.random.default_rng(0), train=quick_trainer())
+    report, lies = made.report, SAMPLING_GRID.ids(made.generated.reduced)
+    for origin, counted, beside in zip((PIA, PIE), (report.pia, report.pie), report.elsewhere, strict=True):
+        mine = lies[made.generated.origin == origin]
+        assert counted.tolist() == [int((mine == b).sum()) for b in report.bins]
+        assert beside == int((~np.isin(mine, report.bins)).sum())
+    assert report.elsewhere[0] > report.pia.sum() > 0
+    assert f"{report.elsewhere[0]} in bins that the coming part does not go through" in report.summary()

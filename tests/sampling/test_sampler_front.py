@@ -12,7 +12,9 @@ from sklearn.ensemble import ExtraTreesRegressor
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from pido.core.columns import CURRENT, INPUTS
+from pido.core.errors import FitError
 from pido.core.machining import AxisLimits, Machine
+from pido.equations.estimators import LocalPhysicalEquations
 from pido.sampling.front import PiDOSampler
 
 MACHINE = Machine(
@@ -170,3 +172,75 @@ def test_what_it_cannot_use_is_refused_with_the_reason():
     X.iloc[3, 0] = np.nan
     with pytest.raises(ValueError, match="NaN"):
         PiDOSampler(MACHINE).fit_resample(X, y)
+
+
+def spindle(n=400):
+    X, y = cuts(n)
+    X["v_sp"] += 200 * np.sin(np.arange(n))
+    return X, pd.DataFrame({"curr_sp": 1e-4 * X["v_sp"] + y["curr_x"]})
+
+
+@pytest.mark.parametrize("method", ["adaptive", "paper"])
+def test_a_column_that_knows_its_name_is_of_that_axis(method):
+    X, y = spindle()
+    options = {"method": method, "density": 200.0, "random_state": 0}
+    _, table = PiDOSampler(MACHINE, **options).fit_resample(X, y)
+    _, column = PiDOSampler(MACHINE, **options).fit_resample(X, y["curr_sp"])
+    assert len(table) > len(X)
+    pd.testing.assert_series_equal(column, table["curr_sp"], check_exact=True)
+    both = [LocalPhysicalEquations(MACHINE).fit(X, each) for each in (y, y["curr_sp"])]
+    assert both[0]._where == both[1]._where == [(3,)]
+
+
+@pytest.mark.parametrize(
+    "kind", [pd.Series, lambda v: pl.Series("curr_x", v), lambda v: pa.chunked_array([v]), lambda v: pa.array(v)]
+)
+def test_one_current_comes_out_as_the_column_that_went_in(kind):
+    X, y = cuts(300)
+    plain = PiDOSampler(MACHINE, density=100.0, random_state=0).fit_resample(X, y["curr_x"].to_numpy())[1]
+    column = PiDOSampler(MACHINE, density=100.0, random_state=0).fit_resample(X, kind(y["curr_x"].to_numpy()))[1]
+    assert type(column) is type(kind(y["curr_x"].to_numpy()))
+    np.testing.assert_array_equal(np.asarray(column), plain)
+
+
+@pytest.mark.parametrize("method", ["adaptive", "paper"])
+@pytest.mark.parametrize("incomplete", ["drop", "nan"])
+def test_an_axis_that_was_not_recorded_costs_the_others_no_row(method, incomplete):
+    X, y = cuts(400)
+    options = {"method": method, "density": 200.0, "incomplete": incomplete, "random_state": 0}
+    _, alone = PiDOSampler(MACHINE, **options).fit_resample(X, y)
+    sampler = PiDOSampler(MACHINE, **options)
+    _, beside = sampler.fit_resample(X, y.assign(curr_z=np.nan))
+    assert len(beside) > len(X)
+    pd.testing.assert_frame_equal(beside[["curr_x", "curr_y"]], alone)
+    assert beside["curr_z"].isna().all()
+
+
+def test_the_report_counts_the_rows_that_are_returned():
+    X, y = cuts(400)
+    sampler = PiDOSampler(MACHINE, density=400.0, leverage_quantile=0.5, random_state=0)
+    sampler.fit_resample(X, y.assign(curr_y=y["curr_y"] + 0.1 * X["a_y"]))
+    report, origin = sampler.report_, sampler.sample_origin_["origin"]
+    assert (report.pia.sum(), report.pie.sum()) == ((origin == "pia").sum(), (origin == "pie").sum())
+    assert f"{(origin == 'pie').sum()} let through" in report.summary()
+
+
+@pytest.mark.parametrize(
+    ("options", "part", "error", "says"),
+    [
+        ({"incomplete": "foo"}, None, ValueError, "incomplete 'foo': it is 'drop' or 'nan'"),
+        ({"density": np.inf}, None, FitError, "density inf: it must be positive and finite"),
+        ({"leverage_quantile": 2.0}, None, FitError, r"quantile 2\.0: it lies above 0 and up to 1"),
+        ({}, ["a"] * 3, ValueError, r"part has the shape \(3,\); it names the part of each of 50 rows"),
+    ],
+)
+def test_options_without_a_meaning_are_refused_with_what_they_may_be(options, part, error, says):
+    X, y = cuts(50)
+    with pytest.raises(error, match=says):
+        PiDOSampler(MACHINE, **options).fit_resample(X, y, part=part)
+
+
+def test_currents_that_are_all_missing_are_refused():
+    X, y = cuts(50)
+    with pytest.raises(ValueError, match="contains NaN only"):
+        PiDOSampler(MACHINE).fit_resample(X, y * np.nan)
