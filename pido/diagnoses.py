@@ -36,8 +36,10 @@ def diagnose_into(
     made_on : the parts' machine, where somebody said so and no reader assumed it; `accept-physics` asks for it
     how : as `pido.diagnosis.diagnose.diagnose` takes it
 
-    Raises DiagnosisError, with nothing written, where nothing can be compared or time is no time.
+    Raises DiagnosisError, with nothing written, where something else is in the folder's place, nothing can be compared
+    or time is no time.
     """
+    contract.check_place(folder, PAGE)
     contract.check_names(r.part.part for r in recordings)
     doubts = check_all(recordings, how.get("machine"))
     found = diagnose(recordings, **how)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +38,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
 
     folder = diagnosis.parent if diagnosis.is_file() else diagnosis
     outside(out, (folder, part, *after))
-    replaceable(out, _corrected, "corrected part")
+    replaceable(out, contract.is_series, "corrected part")
     model = contract.read_model(folder)
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
     for place, one in zip((part, *after), (recording, *earlier), strict=True):
@@ -69,7 +69,3 @@ def _same_machine(model: Mapping[str, Any], place: Path, recording: Recording) -
             f"'{made_on}': what one machine lacks, another need not. Diagnose parts of this one."
         )
 
-
-def _corrected(columns: Collection[str]) -> bool:
-    """Whether these are the columns of what this verb writes."""
-    return any(name.startswith("mismatch_score_") for name in columns)
