@@ -68,4 +68,3 @@ def _same_machine(model: Mapping[str, Any], place: Path, recording: Recording) -
             f"{place}: part {recording.part.part} is of machine '{recording.part.machine}', and the diagnosis of "
             f"'{made_on}': what one machine lacks, another need not. Diagnose parts of this one."
         )
-
