@@ -17,6 +17,7 @@ import shutil
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,7 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
                 "voxels": [list(v) for v in f.where.voxels],
                 "nc_lines": list(f.where.nc_lines),
                 "workpiece": f.where.workpiece,
+                "faults": [asdict(fault) for fault in f.where.faults],
                 "factor": None if f.factor is None else {"value": f.factor.value, "ci95": list(f.factor.ci95)},
                 "to_tell_apart": {a.mechanism: a.to_tell_apart for a in f.alternatives if a.to_tell_apart},
             }

@@ -98,7 +98,7 @@ def _diagnose(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
             "not fitted. Effects that differ between parts (wear, heat) cannot be judged."
         )
-    findings = input_findings(parts)
+    findings = input_findings(parts, axes)
     rejected: list[Rejected] = []
     models: dict[str, AxisModel] = {}
     series: dict[str, dict[str, tuple[Float1D, Float1D, Float1D]]] = {r.part.part: {} for r in parts}
@@ -191,7 +191,7 @@ def _keeping_memory(work: Callable[..., Result], *given: Any) -> Result:
 
 def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:
     """What a finding takes away from the error, in noise of its axis; faulty inputs come before everything."""
-    if finding.mechanism == "input_fault":
+    if not finding.modelled:
         return float("inf")
     gain = max(finding.fit.rmse_before**2 - finding.fit.rmse_after**2, 0.0)
     return gain / models[finding.axis].noise_level ** 2 + 1e-12 * finding.evidence.delta_bic

@@ -31,6 +31,17 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True)
+class FaultySignal:
+    """A stretch of one part, s, in which a column is wrong, and why."""
+
+    part: str
+    column: str
+    t_start: float
+    t_end: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Where:
     """In words an operator understands, as conditions on columns, as intervals, bins, NC blocks and places."""
 
@@ -40,6 +51,7 @@ class Where:
     voxels: tuple[tuple[float, float, float], ...] = ()  # centres (v_x, v_y, AR) of the bins that it fills
     nc_lines: tuple[int, ...] = ()
     workpiece: str | None = None  # where on the workpiece, if it is tied to a place
+    faults: tuple[FaultySignal, ...] = ()  # of a faulty input: each stretch of each column
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +65,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Before and after, on data that the fit had not seen; the scheme says which."""
+    """Before and after; the scheme says on which data. `unseen`: on data that the fit had not seen."""
 
     scheme: str
     rmse_before: float
@@ -61,6 +73,10 @@ class HeldOut:
     r2_before: float
     r2_after: float
     p_value: float
+
+    @property
+    def unseen(self) -> bool:
+        return self.scheme.startswith("leave-one")
 
     @property
     def digits(self) -> int:
@@ -93,6 +109,11 @@ class Finding:
     replaces: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     factor: Estimate | None = None  # that a miscalibrated coefficient of the simulation has to be multiplied by
+
+    @property
+    def modelled(self) -> bool:
+        """Whether it has a model that takes error away; rows of a faulty input are set aside instead."""
+        return self.mechanism != "input_fault"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,4 +152,4 @@ class Diagnosis:
     def beside_others(self, finding: Finding) -> bool:
         """Whether the errors of a finding, before and after, both contain the other findings of its axis."""
         others = any(f is not finding and f.axis == finding.axis for f in self.findings)
-        return others and finding.fit.scheme.startswith("leave-one")
+        return others and finding.fit.unseen

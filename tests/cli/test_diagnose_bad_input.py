@@ -215,6 +215,38 @@ def test_a_speed_in_another_unit_is_said_and_what_was_found_stands_beside_it(mad
     assert any("mm/min" in note for note in json.loads((tmp_path / "out" / "details.json").read_text())["notes"])
 
 
+@pytest.mark.parametrize("pair", [(), ("--pair", "f_y:f_y_sim")])
+def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pair, made, diagnose, tmp_path):
+    """x moves wrongly in the second part; with --pair only y is compared."""
+
+    def change(columns, number):
+        columns |= {"f_y": columns["curr_y"], "f_y_sim": columns["curr_y_sim"]}
+        if number == 2:
+            columns["v_x"] = np.where(np.isin(np.arange(ROWS), [700, 701]), 9e4, columns["v_x"])
+        return columns
+
+    code, found, _, err = diagnose(*made(change), *pair)
+    assert code == 0, err
+    assert ("x", "input_fault") in found
+    out = tmp_path / "out"
+    fault, details = (
+        next(f for f in json.loads((out / name).read_text())["findings"] if f["mechanism"] == "input_fault")
+        for name in ("diagnosis.json", "details.json")
+    )
+    wrong = next(f for f in details["faults"] if f["column"] == "v_x")
+    assert (wrong["part"], wrong["t_start"], wrong["t_end"]) == ("p2", 14.0, pytest.approx(14.02))
+    assert "first in part p2 at 1" in fault["where"]["summary"]
+    fit, judged = fault["fit"], "y" if pair else "x"
+    tables = [_columns(k, ROWS) for k in (1, 2, 3)]
+    left = np.concatenate([t[f"curr_{judged}"] - t[f"curr_{judged}_sim"] for t in tables])
+    assert fit["rmse_before"] == pytest.approx(np.sqrt(np.mean(left**2)))
+    assert fit["rmse_after"] == pytest.approx(fit["rmse_before"], rel=0.02)
+    assert f"axis {judged}" in fit["scheme"]
+    assert fit["p_value"] == 1
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "v_x, where it is wrong first" in page
+
+
 def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says_so(made, diagnose):
     def change(columns, k):
         mine = only(columns, "x")

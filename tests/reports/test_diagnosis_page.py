@@ -18,6 +18,7 @@ from pido.diagnosis.finding import (
     Diagnosis,
     Estimate,
     Evidence,
+    FaultySignal,
     Finding,
     HeldOut,
     Interval,
@@ -160,17 +161,39 @@ def test_without_a_finding_the_signals_are_shown_all_the_same():
 
 def test_a_fault_of_the_inputs_claims_no_fit():
     diagnosis, recording = _diagnosis()
-    none = float("nan")
+    wrong = tuple(FaultySignal("p01", "v_x", 4.0 * k, 4.0 * k + 0.02, "spike") for k in range(3, 60))
     fault = replace(
         diagnosis.findings[0],
         mechanism="input_fault",
-        evidence=Evidence(0.0, 0.0, float("inf")),
-        fit=HeldOut("no fit: rows are set aside", none, none, none, none, 0.0),
+        parameters={},
+        where=Where("v_x is wrong", faults=wrong),
+        evidence=Evidence(0.0, 0.0, 0.0),
+        fit=HeldOut("nothing fitted", 0.0201, 0.0202, 0.97, 0.98, 1.0),
     )
-    page = diagnosis_page(replace(diagnosis, findings=(fault,)), [recording])
-    assert "falls from" not in page.verdict
-    assert "nan" not in page.verdict
-    assert "no fit is needed" in render(page)
+    only = replace(diagnosis, findings=(fault, diagnosis.findings[0]))
+    page = diagnosis_page(only, [recording])
+    _, section, other = page.sections[:3]
+    assert "no fit is needed" in " ".join(section.text)
+    for claimed in ("falls from", "1e-12", "unseen", "0.0201"):
+        assert claimed not in " ".join([page.verdict, *section.text, *summary(only)[:1]])
+    assert section.table.rows[0] == ("p01", "v_x", "12.00", "12.02", "spike")
+    assert len(section.table.rows) < len(wrong)
+    assert "details.json" in " ".join(section.text)
+    (plot,) = section.figures  # the faulty signal where it is first wrong; the current stands with what is found in it
+    (line,) = plot.renderers
+    at = line.data_source.data["x"]
+    assert 12.0 - 7.0 < min(at) < 12.0 < max(at) < 12.0 + 7.0
+    np.testing.assert_allclose(line.data_source.data["y"], 5.0 * np.sin(at))
+    assert len(other.figures) > 1
+
+
+def test_an_error_on_data_of_the_fit_is_not_said_to_be_on_unseen_ones():
+    diagnosis, recording = _diagnosis()
+    shift = HeldOut("one shift for all parts and axes", 0.31, 0.12, 0.62, 0.9, 1e-5)
+    page = diagnosis_page(replace(diagnosis, findings=(replace(diagnosis.findings[0], fit=shift),)), [recording])
+    assert "the error falls from 0.31 to 0.12 A" in page.verdict
+    assert "nseen data" not in render(page)
+    assert "held-out" not in render(page)
 
 
 def test_errors_beside_other_findings_of_the_axis_are_said_to_be_so():
