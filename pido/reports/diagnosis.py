@@ -23,7 +23,7 @@ from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
-from pido.reports.words import in_words
+from pido.reports.words import in_words, shortened
 
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
@@ -248,7 +248,7 @@ def _faulty(finding: Finding, by_part: dict[str, Recording]) -> list[figure]:
         recording = by_part[part]
         window = np.abs(recording.time - start) <= AROUND_WORST_S / 2
         plot = signal_figure(
-            f"Axis {finding.axis}, part {part}:\n{column}, where it is wrong first", "time, s",
+            f"Axis {finding.axis}, part {shortened(part)}:\n{column}, where it is wrong first", "time, s",
             f"{column}, {UNITS[column]}",
         )  # fmt: skip
         x, y = extremes(recording.time[window], np.asarray(recording[column], float)[window])
@@ -294,7 +294,7 @@ def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, ser
     total = np.cumsum(np.concatenate([[0.0], power]))
     start = int(np.argmax(total[width:] - total[:-width]))
     window = slice(start, start + width)
-    plot = signal_figure(f"Part {part}, axis {axis}:\nwhere it differs most", "time, s", label)
+    plot = signal_figure(f"Axis {axis}, part {shortened(part)}:\nwhere it differs most", "time, s", label)
     lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
     if not series.mismatch[axis].any():
         lines.pop()  # nothing was corrected
@@ -308,7 +308,7 @@ def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, ser
 
 
 def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:
-    plot = signal_figure(f"Part {part}, axis {axis}: difference", "time, s", label, 220)
+    plot = signal_figure(f"Axis {axis}, part {shortened(part)}:\ndifference", "time, s", label, 220)
     if recorded is not None:
         x, y = extremes(series.time, recorded - (series.corrected[axis] - series.mismatch[axis]))
         plot.line(x, y, color="#999999", legend_label="recorded − simulated")

@@ -245,3 +245,14 @@ def test_errors_that_a_rare_effect_hardly_changes_are_said_in_digits_that_differ
     only = replace(diagnosis, findings=(rare,))
     assert summary(only)[0].endswith("RMSE 3.425 -> 3.419 (leave-one-part-out)")
     assert "falls from 3.425 to 3.419" in diagnosis_page(only, [recording]).verdict
+
+
+def test_the_title_of_a_plot_names_its_axis_and_fits_a_phone_however_long_the_part_is_called():
+    diagnosis, recording = _diagnosis("Gehäusedeckel_" + "sehr_lang_" * 18 + "17")
+    plots = [plot for section in diagnosis_page(diagnosis, [recording]).sections for plot in section.figures]
+    about = [plot.title.text.text.splitlines() for plot in plots if "part" in plot.title.text.text]
+    assert about
+    for lines in about:
+        assert lines[0].startswith("Axis x, part Gehäuse")
+        assert "17:" in lines[0]
+        assert max(map(len, lines)) <= 40
