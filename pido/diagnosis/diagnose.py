@@ -26,7 +26,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
-from pido.diagnosis.comparable import comparable_axes, in_order
+from pido.diagnosis.comparable import comparable_axes, in_order, moving_s
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
@@ -148,7 +148,7 @@ def _diagnose(
             series[recording.part.part][axis] = values
     on_progress(count, count, "done")
     findings.sort(key=lambda f: -_strength(f, models))
-    found = {f.axis for f in findings}
+    found, bands = {f.axis for f in findings}, dead_bands(parts, machine)
     result = Diagnosis(
         findings=tuple(findings),
         clean_axes=tuple(a for a in axes if a not in found),
@@ -160,10 +160,11 @@ def _diagnose(
             **as_json(models),
             "history": _history(parts),
             "orders": [r.part.order for r in parts],
-            "dead_bands": dead_bands(parts, machine),
+            "dead_bands": bands,
         },
         rejected=tuple(rejected),
         notes=tuple(notes),
+        moving_s={axis: moving_s(parts, axis, bands) for axis in axes},
     )
     return result if pair is None else in_its_unit(result, pair)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pido.core.arrays import Float1D
+from pido.core.axes import AXES
 
 Kind = Literal["missing_physics", "miscalibrated", "data_fault", "unexplained"]
 
@@ -148,6 +149,16 @@ class Diagnosis:
     model: Mapping[str, object]
     rejected: tuple[Rejected, ...] = ()
     notes: tuple[str, ...] = field(default=())  # what could not be answered on these data, and why
+    moving_s: Mapping[str, float | None] = field(
+        default_factory=dict
+    )  # per judged axis, as `comparable.moving_s` has it
+
+    @property
+    def not_judged(self) -> tuple[str, ...]:
+        """Axes of whose current nothing is said."""
+        judged = {*self.clean_axes, *(f.axis for f in self.findings if f.modelled)}
+        judged |= {axis for series in self.parts.values() for axis in series.corrected}
+        return tuple(axis for axis in AXES if axis not in judged)
 
     def beside_others(self, finding: Finding) -> bool:
         """Whether the errors of a finding, before and after, both contain the other findings of its axis."""

@@ -19,6 +19,7 @@ from pido.accepted import INSTANT, name_of
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, POSITION, UNITS, VELOCITY
 from pido.core.recording import Recording
+from pido.diagnosis.comparable import SHORT_S
 from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries
 from pido.diagnosis.pair import pair_of
@@ -71,7 +72,10 @@ def verdict(diagnosis: Diagnosis) -> str:
     """The result in one or two sentences."""
     if not diagnosis.findings:
         axes = ", ".join(diagnosis.clean_axes) or "any axis"
-        return f"Simulation and recording agree within the noise: nothing systematic is left out on {axes}."
+        return (
+            f"Simulation and recording agree within the noise: nothing systematic is left out on {axes}."
+            f"{_limits(diagnosis)}"
+        )
     first = diagnosis.findings[0]
     text = f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}."
     if first.modelled:
@@ -82,6 +86,21 @@ def verdict(diagnosis: Diagnosis) -> str:
         text += f" {others} further finding{'s' if others > 1 else ''} below."
     if diagnosis.clean_axes:
         text += f" Nothing significant on: {', '.join(diagnosis.clean_axes)}."
+    return text + _limits(diagnosis)
+
+
+def _limits(diagnosis: Diagnosis) -> str:
+    """How far 'nothing' reaches: axes that moved little or were not judged. Empty where all moved enough."""
+    seconds = {axis: diagnosis.moving_s[axis] for axis in diagnosis.clean_axes if axis in diagnosis.moving_s}
+    short = [f"{axis} moves for {s:.3g} s" for axis, s in seconds.items() if s and s < SHORT_S]
+    still = [axis for axis, s in seconds.items() if not s]
+    text = ""
+    if short:
+        text += f" Little motion stands behind this: {', '.join(short)} in all, which shows only strong effects."
+    if still:
+        text += f" Not seen to move, so friction and inertia are not judged: {', '.join(still)}."
+    if diagnosis.not_judged and pair_of(diagnosis.model) is None:
+        text += f" Not judged: {', '.join(diagnosis.not_judged)}."
     return text
 
 

@@ -1,6 +1,7 @@
 """What `pido diagnose` says of recordings that it cannot compare, or only in part; it never makes a finding up."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -245,6 +246,20 @@ def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pa
     assert fit["p_value"] == 1
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "v_x, where it is wrong first" in page
+
+
+def test_the_verdict_says_how_little_stands_behind_it_and_which_axes_were_not_judged(made, diagnose, tmp_path):
+    def change(columns, number):
+        columns |= {"curr_x": columns["curr_x_sim"] + np.random.default_rng(5).normal(0, 0.03, ROWS)}
+        return columns | {"curr_z": np.full(ROWS, 2.0), "curr_z_sim": np.zeros(ROWS), "pos_z": np.zeros(ROWS)}
+
+    code, found, clean, _ = diagnose(*made(change, count=1))
+    assert (code, found, clean) == (0, [], ["x", "y"])
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    verdict = re.search(r"Simulation and recording agree.*?</p>", page, re.DOTALL).group()
+    assert re.search(r"x moves for 2\d(\.\d)? s, y moves for 2\d(\.\d)? s", verdict)
+    assert "only strong effects" in verdict
+    assert "Not judged: z, sp." in verdict
 
 
 def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says_so(made, diagnose):

@@ -256,3 +256,15 @@ def test_the_title_of_a_plot_names_its_axis_and_fits_a_phone_however_long_the_pa
         assert lines[0].startswith("Axis x, part Gehäuse")
         assert "17:" in lines[0]
         assert max(map(len, lines)) <= 40
+
+
+def test_a_verdict_on_enough_motion_of_all_axes_has_no_reservation():
+    diagnosis, recording = _diagnosis()
+    long = Diagnosis((), ("x", "y", "z", "sp"), {}, {}, moving_s=dict.fromkeys(("x", "y", "z", "sp"), 600.0))
+    assert diagnosis_page(long, [recording]).verdict.endswith("left out on x, y, z, sp.")
+    still = replace(long, moving_s={**long.moving_s, "y": None, "z": 0.0})
+    assert "friction and inertia are not judged: y, z." in diagnosis_page(still, [recording]).verdict
+    found = replace(diagnosis, moving_s={"x": 3.0, "y": 4.0, "z": 600.0, "sp": 600.0})
+    verdict = diagnosis_page(found, [recording]).verdict
+    assert "y moves for 4 s" in verdict  # of x something was found
+    assert "x moves" not in verdict
