@@ -33,7 +33,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
-    from pido.diagnosis.correct import correct, not_told_of
+    from pido.diagnosis.correct import correct, not_told_of, without_currents
     from pido.recordings import read_recording
 
     folder = diagnosis.parent if diagnosis.is_file() else diagnosis
@@ -43,7 +43,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
     for place, one in zip((part, *after), (recording, *earlier), strict=True):
         _same_machine(model, place, one)
-    for doubt in check_all([recording, *earlier]):
+    for doubt in check_all([*map(without_currents, (recording, *earlier))]):
         click.echo(doubt, err=True)
     if missing := not_told_of(model, recording, earlier):
         orders = ", ".join(map(str, missing))

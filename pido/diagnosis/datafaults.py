@@ -18,6 +18,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.confirm import paired_p
 from pido.diagnosis.faults import clipping, faulty, input_faults
 from pido.diagnosis.finding import Estimate, Evidence, FaultySignal, Finding, HeldOut, Interval, Where
+from pido.diagnosis.locate import lasting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.timing import Delay, shift_target
 
@@ -34,7 +35,8 @@ def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Find
         for column, faults in input_faults(recording).items():
             axis = next(a for a in sorted(AXES, key=len, reverse=True) if column.endswith(f"_{a}"))
             by_axis.setdefault(axis, []).extend(
-                FaultySignal(recording.part.part, column, f.t_start, f.t_end, f.reason) for f in faults
+                FaultySignal(recording.part.part, column, *lasting(recording.time, f.t_start, f.t_end), f.reason)
+                for f in faults
             )
     out = []
     for axis, faults in by_axis.items():
@@ -218,9 +220,8 @@ def _merged(part: str, spans: Sequence[tuple[float, float]]) -> list[Interval]:
 
 def _runs(recording: Recording, rows: Bool1D) -> list[Interval]:
     edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
-    spans = [
-        (float(recording.time[i]), float(recording.time[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    time = recording.time
+    spans = [lasting(time, float(time[i]), float(time[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)]
     return _merged(recording.part.part, spans)
 
 

@@ -149,9 +149,7 @@ class Diagnosis:
     model: Mapping[str, object]
     rejected: tuple[Rejected, ...] = ()
     notes: tuple[str, ...] = field(default=())  # what could not be answered on these data, and why
-    moving_s: Mapping[str, float | None] = field(
-        default_factory=dict
-    )  # per judged axis, as `comparable.moving_s` has it
+    moving_s: Mapping[str, float | None] = field(default_factory=dict)  # per judged axis, of `comparable.moving_s`
 
     @property
     def not_judged(self) -> tuple[str, ...]:

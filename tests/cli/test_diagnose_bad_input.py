@@ -248,6 +248,18 @@ def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pa
     assert "v_x, where it is wrong first" in page
 
 
+@pytest.mark.parametrize(("sample", "start"), [(700, 14.0), (ROWS - 1, 23.96)])
+def test_a_single_sample_that_is_wrong_lasts_a_step(sample, start, made, diagnose, tmp_path):
+    def change(columns, _):
+        return columns | {"a_x": np.where(np.arange(ROWS) == sample, 9e6, columns["a_x"])}
+
+    assert ("x", "input_fault") in diagnose(*made(change))[1]
+    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["findings"]
+    (fault,) = [f for f in told if f["mechanism"] == "input_fault"]
+    spans = [(i["t_start"], i["t_end"]) for i in fault["where"]["intervals"]]
+    np.testing.assert_allclose(spans, [(start, start + 0.02)] * 3)
+
+
 def test_the_verdict_says_how_little_stands_behind_it_and_which_axes_were_not_judged(made, diagnose, tmp_path):
     def change(columns, number):
         columns |= {"curr_x": columns["curr_x_sim"] + np.random.default_rng(5).normal(0, 0.03, ROWS)}

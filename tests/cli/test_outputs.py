@@ -154,6 +154,12 @@ def test_a_part_in_another_unit_is_corrected_and_said(place, call):
     assert "It looks like mm/min" in err
 
 
+def test_a_recorded_current_that_is_not_read_is_not_spoken_of(place, call):
+    changed(place / "p01", curr_x=np.full(600, np.nan), curr_y=np.full(600, np.nan))
+    code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert (code, err) == (0, "")
+
+
 @pytest.mark.parametrize(("made_on", "code"), [("cmx600v", 0), ("dmc60h", 1), (None, 0)])
 def test_a_diagnosis_is_applied_to_parts_of_its_own_machine(made_on, code, place, call):
     file = place / "diagnosis" / "model.json"
