@@ -9,6 +9,8 @@ from typing import Literal
 from pido.core.arrays import Float1D
 from pido.core.axes import AXES
 
+NOT_TOLD_APART = 20.0
+"""Difference in BIC below which two mechanisms are equally good for the data."""
 Kind = Literal["missing_physics", "miscalibrated", "data_fault", "unexplained"]
 
 
@@ -88,7 +90,8 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """A mechanism that these data cannot tell from the finding, and the recording that would."""
+    """A mechanism that explains most of what the finding does, and the recording that would tell them apart. These data
+    cannot where `delta_bic` is below NOT_TOLD_APART; above, it fits them less well."""
 
     mechanism: str
     delta_bic: float

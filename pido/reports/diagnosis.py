@@ -21,7 +21,8 @@ from pido.core.columns import CURRENT, POSITION, UNITS, VELOCITY
 from pido.core.recording import Recording
 from pido.diagnosis.comparable import SHORT_S
 from pido.diagnosis.contract import unit_of_series
-from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries
+from pido.diagnosis.estimate import FORM
+from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, PartSeries
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
 from pido.reports.words import in_words, shortened
@@ -33,8 +34,6 @@ MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
 MOST_FAULTS = 40
 """Faulty stretches of a signal shown in a row each."""
-NOT_TOLD_APART = 20.0
-"""Difference in BIC below which two mechanisms are equally good for these data."""
 
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
@@ -169,6 +168,11 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
             lines.append(f"{says}: {', '.join(names)}.")
     rows = _parameters(f.parameters)
     table = Table(("parameter", "value", "95 % interval"), rows) if rows else None
+    if rows and f.fit.unseen:
+        lines.append(
+            f"No interval of an amplitude is narrower than {100 * FORM:.0f} % of its value to either side: the "
+            "textbook form is never quite the machine's."
+        )
     if f.where.faults:
         places = [(s.part, s.column, f"{s.t_start:.2f}", f"{s.t_end:.2f}", s.reason) for s in f.where.faults]
         table = Table(("part", "column", "from, s", "to, s", "what is wrong"), places[:MOST_FAULTS])

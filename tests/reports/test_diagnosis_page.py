@@ -120,7 +120,8 @@ def test_the_page_is_one_small_file_that_fetches_nothing(tmp_path):
     fetched = _Fetched()
     fetched.feed(html)
     assert fetched.urls == []
-    for wanted in ("stribeck_friction", "0.31", "0.12", "an air cut at three feeds, 40 s", "no gain on unseen parts",
+    for wanted in ("stribeck_friction", "narrower than 2 % of its value", "0.31",
+                   "0.12", "an air cut at three feeds, 40 s", "no gain on unseen parts",
                    "pido accept-physics FOLDER --finding x:stribeck_friction"):  # fmt: skip
         assert wanted in html
 
