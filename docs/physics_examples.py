@@ -91,7 +91,7 @@ def page(measured: dict[str, Any]) -> str:
         one = measured[kind]
         best = one["found"][0] if one["found"] else None
         first = f"{best['axis']}: `{best['mechanism']}`, {best['where']}" if best else "–"
-        error = f"{best['rmse'][0]:.3g} → {best['rmse'][1]:.3g}" if best else "–"
+        error = f"{best['rmse'][0]:.3g} → {best['rmse'][1]:.3g}" if best and best["mechanism"] != "input_fault" else "–"
         hidden = ", ".join(sorted({e["axis"] for e in one["truth"]}))
         earlier = "" if one.get("finder") == newest else " †"
         rows.append(

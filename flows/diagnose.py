@@ -22,6 +22,7 @@ from flows.submit import alive
 from pido.core.errors import DiagnosisError
 from pido.core.files import write_atomically
 from pido.diagnoses import diagnose_into
+from pido.diagnosis.finding import Finding
 from pido.parts import machine_of
 from pido.store import Store
 from pido.tracking.diagnoses import attach
@@ -52,11 +53,7 @@ def find(workspace: str, machine: str, count: int) -> dict[str, Any]:
         )  # fmt: skip
     except DiagnosisError as error:
         return {"parts": names, "compared": False, "lines": [], "notes": [str(error)]}
-    lines = [
-        f"| {f.axis} | {f.mechanism} | {f.where.summary} | {f.fit.rmse_before:.3g} | {f.fit.rmse_after:.3g} |"
-        for f in result.findings
-    ]
-    return {"parts": names, "compared": True, "lines": lines, "notes": list(result.notes)}
+    return {"parts": names, "compared": True, "lines": [*map(line, result.findings)], "notes": list(result.notes)}
 
 
 @task(name="diagnosis into MLflow", cache_policy=NO_CACHE, persist_result=False)
@@ -88,9 +85,17 @@ def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[st
     return found
 
 
+def line(finding: Finding) -> str:
+    """A finding as a row of the table on Prefect's pages."""
+    fit = finding.fit
+    errors = [f"{fit.rmse_before:.3g}", f"{fit.rmse_after:.3g}"] if finding.modelled else ["–", "–"]
+    cells = [finding.axis, finding.mechanism, finding.where.summary, *errors]
+    return f"| {' | '.join(map(in_markdown, cells))} |"
+
+
 def page(machine: str, found: dict[str, Any], folder: Path) -> str:
     """Markdown for Prefect's pages."""
-    table = ["| axis | mechanism | where | RMSE before | after |", "|---|---|---|---|---|", *found["lines"]]
+    table = ["| axis | mechanism | where | RMSE before, A | after, A |", "|---|---|---|---|---|", *found["lines"]]
     body = table if found["lines"] else ["Nothing significant." if found["compared"] else "No answer:"]
     about = f"Newest parts: {in_markdown(', '.join(found['parts']))}."
     where = [f"The whole report: `{folder / 'report.html'}`"] if found["compared"] else []
@@ -101,8 +106,8 @@ def page(machine: str, found: dict[str, Any], folder: Path) -> str:
 
 
 def in_markdown(text: str) -> str:
-    """A name from outside, harmless in a table or a heading."""
-    return text.replace("|", " ").replace("<", "&lt;")
+    """Text from outside, as it is and harmless in a table or a heading."""
+    return text.replace("\\", "&#92;").replace("|", "&#124;").replace("<", "&lt;")
 
 
 def _newest(place: Workspace, machine: str, count: int) -> list[str]:

@@ -6,7 +6,6 @@ that `pido correct` applies, and the page.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.diagnosis import contract
 from pido.diagnosis.diagnose import diagnose
-from pido.diagnosis.finding import Diagnosis, Finding, HeldOut
+from pido.diagnosis.finding import Diagnosis, Finding
 from pido.recordings.check import check
 from pido.recordings.faults import ERROR
 from pido.reports.diagnosis import diagnosis_page
@@ -36,8 +35,10 @@ def diagnose_into(
     made_on : the parts' machine, where somebody said so and no reader assumed it; `accept-physics` asks for it
     how : as `pido.diagnosis.diagnose.diagnose` takes it
 
-    Raises DiagnosisError, with nothing written, where nothing can be compared or time is no time.
+    Raises DiagnosisError, with nothing written, where something else is in the folder's place, nothing can be compared
+    or time is no time.
     """
+    contract.check_place(folder, PAGE)
     contract.check_names(r.part.part for r in recordings)
     doubts = check_all(recordings, how.get("machine"))
     found = diagnose(recordings, **how)
@@ -68,7 +69,7 @@ def check_all(recordings: Sequence[Recording], machine: Machine | None = None) -
 
 def summary(found: Diagnosis) -> list[str]:
     """One line per finding, then the axes on which nothing was found."""
-    lines = [f"{f.axis}   {f.mechanism}   {_what(f)}{_gain(f.fit, found.beside_others(f))}" for f in found.findings]
+    lines = [f"{f.axis}   {f.mechanism}   {_what(f)}{_gain(f, found.beside_others(f))}" for f in found.findings]
     if found.clean_axes:
         lines.append(f"{', '.join(found.clean_axes)}   nothing significant")
     return lines
@@ -83,9 +84,9 @@ def _what(finding: Finding) -> str:
     return f"{where}: {finding.equation}" if finding.kind == "unexplained" else where
 
 
-def _gain(fit: HeldOut, beside_others: bool) -> str:
-    """Nothing for rows that were set aside: no fit was made."""
-    if not math.isfinite(fit.rmse_before):
+def _gain(finding: Finding, beside_others: bool) -> str:
+    if not finding.modelled:
         return ""
+    fit = finding.fit
     others = ", without it -> with it, beside the axis' other findings" if beside_others else ""
     return f"   RMSE {fit.rmse_before:.{fit.digits}g} -> {fit.rmse_after:.{fit.digits}g} ({fit.scheme}{others})"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,17 +33,17 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
-    from pido.diagnosis.correct import correct, not_told_of
+    from pido.diagnosis.correct import correct, not_told_of, without_currents
     from pido.recordings import read_recording
 
     folder = diagnosis.parent if diagnosis.is_file() else diagnosis
     outside(out, (folder, part, *after))
-    replaceable(out, _corrected, "corrected part")
+    replaceable(out, contract.is_series, "corrected part")
     model = contract.read_model(folder)
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
     for place, one in zip((part, *after), (recording, *earlier), strict=True):
         _same_machine(model, place, one)
-    for doubt in check_all([recording, *earlier]):
+    for doubt in check_all([*map(without_currents, (recording, *earlier))]):
         click.echo(doubt, err=True)
     if missing := not_told_of(model, recording, earlier):
         orders = ", ".join(map(str, missing))
@@ -68,8 +68,3 @@ def _same_machine(model: Mapping[str, Any], place: Path, recording: Recording) -
             f"{place}: part {recording.part.part} is of machine '{recording.part.machine}', and the diagnosis of "
             f"'{made_on}': what one machine lacks, another need not. Diagnose parts of this one."
         )
-
-
-def _corrected(columns: Collection[str]) -> bool:
-    """Whether these are the columns of what this verb writes."""
-    return any(name.startswith("mismatch_score_") for name in columns)

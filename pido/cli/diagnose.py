@@ -36,7 +36,7 @@ def command(
     Each of PARTS is a part folder or a file of any known format, as for `pido ingest`. Where curr_<axis>_sim columns
     are given, they are the simulation; otherwise the physical equation fitted on the same parts is. The folder --out
     gets diagnosis.json, details.json, model.json (for `pido correct`), one Parquet file per part and
-    report.html.
+    report.html, in the place of those of a diagnosis that is there; over anything else nothing is written.
 
     \b
     pido diagnose parts/p01 parts/p02 parts/p03 --out diagnosis
@@ -47,9 +47,11 @@ def command(
     from pido.cli.progress import Progress
     from pido.config import machine as machine_settings
     from pido.diagnoses import PAGE, diagnose_into, summary
+    from pido.diagnosis.contract import check_place
     from pido.recordings import read_recording
     from pido.recordings.folder import says_machine
 
+    check_place(out, PAGE)
     recordings = [read_recording(part) for part in parts]
     named = [r.part.machine for r, part in zip(recordings, parts, strict=True) if says_machine(part)]
     with Progress("diagnosing") as progress:

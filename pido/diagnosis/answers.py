@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D, Int1D
-from pido.diagnosis.finding import Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
+from pido.diagnosis.finding import NOT_TOLD_APART, Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
 from pido.diagnosis.gates import gate_variable
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, workpiece_area
@@ -25,7 +25,6 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
 
-_NEAR = 20.0  # BIC: rivals this close are not told apart on these data
 _MOST_ALTERNATIVES = 4
 _ALIKE = 0.9  # of the power of what is missing of a law, that the simulation's own form of it has
 
@@ -146,11 +145,11 @@ def in_words(summary: str) -> str:
 
 
 def alternatives_of(term: Term, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:
-    """Mechanisms that do nearly as well in this term's place, nearest first, with the recording that would tell.
+    """Mechanisms that do as well in this term's place, or explain most of the same, with the recording that would tell.
 
     Last those that say the finding's own law in more words: they are no other explanation.
     """
-    near = [r for r in rivals if r.delta_bic < _NEAR or r.share > 0.75]
+    near = [r for r in rivals if r.delta_bic < NOT_TOLD_APART or r.share > 0.75]
     near.sort(key=lambda r: term.mechanism.id in r.term.mechanism.becomes)
     return tuple(
         Alternative(r.name, float(r.delta_bic), recording_that_tells(term.mechanism.id, r.name))

@@ -25,7 +25,8 @@ from pido.diagnosis.state import motion
 
 LEAST_ROWS = 500
 """Samples of a part, and samples of an axis that have both currents, below which nothing is concluded."""
-_SHORT_S = 60.0  # of motion in all parts: less shows only strong effects
+SHORT_S = 60.0
+"""Of motion of an axis in all parts, s: less shows only strong effects."""
 _WHOLE = 0.98  # share of the recorded samples that a simulation covers: a smaller one is said
 _PLACES = 3  # that a note names
 _LEAST_RUN = 20  # samples in a row with both currents: shorter ones are two rates laid over each other
@@ -71,7 +72,7 @@ def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: 
         reason = _no_current(parts, axis) or _no_overlap(parts, axis, notes) or _nothing_to_explain_it(parts, axis)
         if reason is None:
             axes.append(axis)
-            notes += _little_motion(parts, axis, bands)
+            notes += _little_motion(axis, moving_s(parts, axis, bands))
         else:
             reasons.append(f"axis {axis} is left out: {reason}")
     simulated = [a for a in axes if CURRENT_SIM[a] in parts[0]]
@@ -85,6 +86,15 @@ def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: 
         )
     notes += [*reasons, *_beyond_load(parts)]
     return axes
+
+
+def moving_s(parts: Sequence[Recording], axis: str, bands: Mapping[str, float]) -> float | None:
+    """How long the axis moves in all parts together, s; None where neither its position nor its speed is recorded.
+
+    bands : per axis the speed below which it stands, in its column's unit
+    """
+    found = [(m, r) for r in parts if (m := motion(r, axis, bands)) is not None]
+    return sum(float(np.mean(m.moving) * (r.time[-1] - r.time[0])) for m, r in found) if found else None
 
 
 def _beyond_load(parts: Sequence[Recording]) -> list[str]:
@@ -174,17 +184,15 @@ def _nothing_to_explain_it(parts: Sequence[Recording], axis: str) -> str | None:
     return None
 
 
-def _little_motion(parts: Sequence[Recording], axis: str, bands: Mapping[str, float]) -> list[str]:
-    found = [motion(r, axis, bands) for r in parts]
-    if all(m is None for m in found):
+def _little_motion(axis: str, seconds: float | None) -> list[str]:
+    if seconds is None:
         return [
             f"axis {axis}: neither '{POSITION[axis]}' nor '{VELOCITY[axis]}' was recorded; what depends on its own "
             "motion (friction, inertia) cannot be judged."
         ]
-    seconds = sum(float(np.mean(m.moving) * (r.time[-1] - r.time[0])) for r, m in zip(parts, found, strict=True) if m)
     if seconds == 0:
         return [f"axis {axis}: it never moves; what depends on its own motion (friction, inertia) cannot be judged."]
-    if seconds < _SHORT_S:
+    if seconds < SHORT_S:
         return [
             f"axis {axis}: it moves for {seconds:.3g} s in all parts together; less than a minute shows only strong "
             "effects."

@@ -12,10 +12,12 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +32,7 @@ from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
 from pido.diagnosis.pair import pair_of
 
 SCHEMA = "pido.diagnosis/1"
-ANSWER = "diagnosis.json"
+ANSWER, DETAILS, MODEL = "diagnosis.json", "details.json", "model.json"
 _LONGEST_NAME = 215  # of the 255 bytes that a file system takes: the rest is for the ending, and while it is written
 MODEL_SCHEMA = "pido.diagnosis.model/1"
 
@@ -54,6 +56,7 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
                 "voxels": [list(v) for v in f.where.voxels],
                 "nc_lines": list(f.where.nc_lines),
                 "workpiece": f.where.workpiece,
+                "faults": [asdict(fault) for fault in f.where.faults],
                 "factor": None if f.factor is None else {"value": f.factor.value, "ci95": list(f.factor.ci95)},
                 "to_tell_apart": {a.mechanism: a.to_tell_apart for a in f.alternatives if a.to_tell_apart},
             }
@@ -74,11 +77,28 @@ def write(diagnosis: Diagnosis, folder: Path, **more: str) -> None:
     with _taking_their_place(folder) as place:
         for part, series in diagnosis.parts.items():
             write_series(series, place / "parts" / f"{file_name(part)}.parquet", unit)
-        write_json({"schema": MODEL_SCHEMA, **diagnosis.model}, place / "model.json")
-        write_json(as_details(diagnosis), place / "details.json")
+        write_json({"schema": MODEL_SCHEMA, **diagnosis.model}, place / MODEL)
+        write_json(as_details(diagnosis), place / DETAILS)
         for name, content in more.items():
             write_atomically(place / name, content)
         write_json(as_contract(diagnosis), place / ANSWER)
+
+
+def check_place(folder: Path, *more: str) -> None:
+    """Raises DiagnosisError where a diagnosis in `folder` would take the place of what is none.
+
+    more : names of further files, as `write` takes them
+    """
+    parts = folder / "parts"
+    there = [folder / name for name in (ANSWER, DETAILS, MODEL, *more) if (folder / name).exists()]
+    series = sorted(parts.glob("*.parquet"))
+    foreign = [parts] if parts.exists() and not parts.is_dir() else []
+    foreign += [*there, *series] if not _is_model(folder / MODEL) else [f for f in series if not _is_series(f)]
+    if foreign:
+        raise DiagnosisError(
+            f"--out {folder}: {foreign[0]} is there already and belongs to no diagnosis. Name another place, or move "
+            "it away."
+        )
 
 
 def check_names(parts: Iterable[str]) -> None:
@@ -94,7 +114,8 @@ def check_names(parts: Iterable[str]) -> None:
 @contextmanager
 def _taking_their_place(folder: Path) -> Iterator[Path]:
     """A place to write to. When the block ends, the series and files there take the place of those in `folder`, what
-    else lies there stays; where the block fails, all stays as it was."""
+    else lies there stays; where the block fails, all stays as it was. The model comes first: by it a folder is known
+    as that of a diagnosis, also one that was not finished."""
     there = folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / f".{os.getpid()}-{threading.get_ident()}.new"
@@ -103,9 +124,10 @@ def _taking_their_place(folder: Path) -> Iterator[Path]:
         yield place
         (folder / "parts").mkdir(exist_ok=True)
         (folder / ANSWER).unlink(missing_ok=True)
-        for former in (folder / "parts").glob("*.parquet"):
+        for former in filter(_is_series, (folder / "parts").glob("*.parquet")):
             former.unlink()
-        files = sorted((p.relative_to(place) for p in place.rglob("*") if p.is_file()), key=lambda p: p.name == ANSWER)
+        files = [p.relative_to(place) for p in place.rglob("*") if p.is_file()]
+        files.sort(key=lambda p: (p == Path(ANSWER), p != Path(MODEL)))
         for file in files:
             (place / file).replace(folder / file)
     finally:
@@ -116,7 +138,7 @@ def _taking_their_place(folder: Path) -> Iterator[Path]:
 
 def read_model(folder: Path) -> dict[str, Any]:
     """The models of a diagnosis folder, as `pido.diagnosis.correct` takes them."""
-    path = folder / "model.json"
+    path = folder / MODEL
     try:
         model = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -149,9 +171,29 @@ def write_series(series: PartSeries, path: Path, unit: str = "A") -> None:
         pq.write_table(pa.Table.from_arrays([pa.array(v) for v in columns.values()], schema=schema), temporary)
 
 
+def is_series(columns: Collection[str]) -> bool:
+    """Whether these are the columns that `write_series` writes."""
+    own = re.compile(r"time|mismatch_(score_)?[a-z]+|curr_[a-z]+_corrected")
+    return all(map(own.fullmatch, columns)) and any(name.startswith("mismatch_score_") for name in columns)
+
+
 def write_json(data: Mapping[str, Any], path: Path) -> None:
     """`data` as one JSON file; a number that is not finite becomes null."""
     write_atomically(path, json.dumps(_finite(data), indent=2, allow_nan=False, ensure_ascii=False))
+
+
+def _is_model(file: Path) -> bool:
+    try:
+        return json.loads(file.read_bytes())["schema"].startswith("pido.diagnosis.model/")
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return False
+
+
+def _is_series(file: Path) -> bool:
+    try:
+        return is_series(pq.read_schema(file).names)
+    except (pa.ArrowException, OSError):
+        return False
 
 
 def _finding(f: Finding) -> dict[str, Any]:

@@ -38,13 +38,13 @@ def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Re
     pair = pair_of(model)
     if pair is not None:
         recording, earlier = pair.of(recording), [pair.of(r) for r in earlier]
-    without = _without_currents(recording)
+    without = without_currents(recording)
     bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
     mismatch: dict[str, Float1D] = {}
     scores: dict[str, Float1D] = {}
     corrected: dict[str, Float1D] = {}
     for axis, own in models.items():
-        states = axis_states([*map(_without_currents, earlier), without], axis, bands=bands)
+        states = axis_states([*map(without_currents, earlier), without], axis, bands=bands)
         state = _with_history(states[-1], model)
         mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
         if not np.isfinite(corrected[axis]).any():
@@ -66,6 +66,12 @@ def not_told_of(model: Mapping[str, Any], recording: Recording, earlier: Sequenc
     if own is None or not known or not asked:
         return []
     return sorted(set(range(min(known), own)) - set(known))
+
+
+def without_currents(recording: Recording) -> Recording:
+    """The recording as a correction reads it: without its recorded currents."""
+    drop = {CURRENT[a] for a in AXES}
+    return Recording(recording.part, {k: v for k, v in recording.columns.items() if k not in drop}, recording.notes)
 
 
 def apply(model: AxisModel, recording: Recording, state: AxisState) -> tuple[Float1D, Float1D, Float1D]:
@@ -90,8 +96,3 @@ def _with_history(state: AxisState, model: Mapping[str, Any]) -> AxisState:
         return state
     before = {span for span in history if span[1] <= float(state.clock[0]) + 1e-6}
     return replace(state, earlier=tuple(sorted(before | set(state.earlier))))
-
-
-def _without_currents(recording: Recording) -> Recording:
-    drop = {CURRENT[a] for a in AXES}
-    return Recording(recording.part, {k: v for k, v in recording.columns.items() if k not in drop}, recording.notes)

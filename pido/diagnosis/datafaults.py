@@ -17,34 +17,43 @@ from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import paired_p
 from pido.diagnosis.faults import clipping, faulty, input_faults
-from pido.diagnosis.finding import Estimate, Evidence, Finding, HeldOut, Interval, Where
+from pido.diagnosis.finding import Estimate, Evidence, FaultySignal, Finding, HeldOut, Interval, Where
+from pido.diagnosis.locate import lasting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.timing import Delay, shift_target
 
 _MERGE_S = 0.5
-_NOTHING_FITTED = "no fit: rows are set aside"
 
 
-def input_findings(parts: Sequence[Recording]) -> list[Finding]:
-    """One finding per axis whose position, speed or acceleration is wrong somewhere."""
-    by_axis: dict[str, list[tuple[str, str, float, float, str]]] = {}
+def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Finding]:
+    """One finding per axis whose position, speed or acceleration is wrong somewhere.
+
+    axes : whose currents are compared, at least one
+    """
+    by_axis: dict[str, list[FaultySignal]] = {}
     for recording in parts:
         for column, faults in input_faults(recording).items():
             axis = next(a for a in sorted(AXES, key=len, reverse=True) if column.endswith(f"_{a}"))
             by_axis.setdefault(axis, []).extend(
-                (column, recording.part.part, f.t_start, f.t_end, f.reason) for f in faults
+                FaultySignal(recording.part.part, column, *lasting(recording.time, f.t_start, f.t_end), f.reason)
+                for f in faults
             )
     out = []
     for axis, faults in by_axis.items():
-        columns = sorted({f[0] for f in faults})
-        reasons = sorted({f[4] for f in faults})
-        intervals = _merged(faults)
-        errors, gain = _beside(parts, axis)
+        columns = sorted({f.column for f in faults})
+        reasons = sorted({f.reason for f in faults})
+        intervals = [
+            each
+            for part in dict.fromkeys(f.part for f in faults)
+            for each in _merged(part, [(f.t_start, f.t_end) for f in faults if f.part == part])
+        ]
+        first = intervals[0]
         where = Where(
-            f"{', '.join(columns)} is wrong in {len(intervals)} place(s): {'; '.join(reasons)}; "
-            "these rows are set aside",
+            f"{', '.join(columns)} is wrong in {len(intervals)} place(s), first in part {first.part} at "
+            f"{first.t_start:.2f} s: {'; '.join(reasons)}; these rows are set aside",
             tuple(columns),
             tuple(intervals),
+            faults=tuple(faults),
         )
         out.append(
             Finding(
@@ -54,33 +63,32 @@ def input_findings(parts: Sequence[Recording]) -> list[Finding]:
                 equation=f"{', '.join(columns)} not usable over these intervals",
                 parameters={},
                 where=where,
-                evidence=Evidence(0.0, 0.0, gain),
-                fit=HeldOut(_NOTHING_FITTED, *errors, p_value=0.0),
+                evidence=Evidence(0.0, 0.0, 0.0),  # a contradiction: neither chance nor a model of it
+                fit=_without(parts, axis, axis if axis in axes else axes[0]),
             )
         )
     return out
 
 
-def _beside(parts: Sequence[Recording], axis: str) -> tuple[tuple[float, float, float, float], float]:
-    """(RMSE and R² of the simulation over all rows, without the faulty ones; 2 log likelihood between the two).
-
-    Where there is no simulated current, of the mean in its place; without a recorded one nothing can be said: zeros.
+def _without(parts: Sequence[Recording], axis: str, judged: str) -> HeldOut:
+    """Errors of the simulation of `judged` on all rows, and without those in which an input of `axis` is faulty; of the
+    mean where nothing is simulated. Nothing is fitted, so nothing is proved: p is 1.
     """
-    if any(CURRENT[axis] not in r for r in parts):
-        return (0.0, 0.0, 0.0, 0.0), 0.0
-    curr = np.concatenate([r[CURRENT[axis]] for r in parts])
-    simulated = all(CURRENT_SIM[axis] in r for r in parts)
-    sim = np.concatenate([r[CURRENT_SIM[axis]] for r in parts]) if simulated else np.full(len(curr), np.nanmean(curr))
+    curr = np.concatenate([r[CURRENT[judged]] for r in parts])
+    simulated = all(CURRENT_SIM[judged] in r for r in parts)
+    sim = np.concatenate([r[CURRENT_SIM[judged]] for r in parts]) if simulated else np.full(len(curr), np.nanmean(curr))
     good = np.isfinite(curr) & np.isfinite(sim)
     right = good & ~np.concatenate([faulty(r, axis) for r in parts])
     values = []
-    for rows in (good, right):
-        error, total = _rms(curr[rows] - sim[rows]), float(np.var(curr[rows])) if rows.any() else 0.0
+    for rows in (good, right if right.any() else good):
+        error, total = _rms(curr[rows] - sim[rows]), float(np.var(curr[rows]))
         values.append((error, 1 - error**2 / total if total > 0 else 0.0))
     (before, r2_before), (after, r2_after) = values
-    if not (before > 0 and after > 0):
-        return (0.0, 0.0, 0.0, 0.0), 0.0
-    return (before, after, r2_before, r2_after), float(right.sum() * 2 * np.log(before / after))
+    scheme = (
+        f"nothing fitted: error of {'the simulation' if simulated else 'the mean'} of axis {judged} on all rows, and "
+        "without those set aside"
+    )
+    return HeldOut(scheme, before, after, r2_before, r2_after, 1.0)
 
 
 Limits = Mapping[str, tuple[float, float]]
@@ -200,26 +208,21 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
     )
 
 
-def _merged(faults: Sequence[tuple[str, str, float, float, str]]) -> list[Interval]:
-    out: list[Interval] = []
-    for part in dict.fromkeys(f[1] for f in faults):
-        spans = sorted((f[2], f[3]) for f in faults if f[1] == part)
-        start, end = spans[0]
-        for s, e in spans[1:]:
-            if s > end + _MERGE_S:
-                out.append(Interval(part, start, end, 1.0))
-                start = s
-            end = max(end, e)
-        out.append(Interval(part, start, end, 1.0))
-    return out
+def _merged(part: str, spans: Sequence[tuple[float, float]]) -> list[Interval]:
+    out: list[tuple[float, float]] = []
+    for start, end in sorted(spans):
+        if out and start <= out[-1][1] + _MERGE_S:
+            out[-1] = out[-1][0], max(out[-1][1], end)
+        else:
+            out.append((start, end))
+    return [Interval(part, start, end, 1.0) for start, end in out]
 
 
 def _runs(recording: Recording, rows: Bool1D) -> list[Interval]:
     edges = np.flatnonzero(np.diff(np.r_[False, rows, False].astype(np.int8)))
-    spans = [
-        (float(recording.time[i]), float(recording.time[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)
-    ]
-    return _merged([("", recording.part.part, s, e, "") for s, e in spans]) if spans else []
+    time = recording.time
+    spans = [lasting(time, float(time[i]), float(time[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+    return _merged(recording.part.part, spans)
 
 
 def _rms(x) -> float:

@@ -26,7 +26,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
-from pido.diagnosis.comparable import comparable_axes, in_order
+from pido.diagnosis.comparable import comparable_axes, in_order, moving_s
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
@@ -98,7 +98,7 @@ def _diagnose(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
             "not fitted. Effects that differ between parts (wear, heat) cannot be judged."
         )
-    findings = input_findings(parts)
+    findings = input_findings(parts, axes)
     rejected: list[Rejected] = []
     models: dict[str, AxisModel] = {}
     series: dict[str, dict[str, tuple[Float1D, Float1D, Float1D]]] = {r.part.part: {} for r in parts}
@@ -148,7 +148,7 @@ def _diagnose(
             series[recording.part.part][axis] = values
     on_progress(count, count, "done")
     findings.sort(key=lambda f: -_strength(f, models))
-    found = {f.axis for f in findings}
+    found, bands = {f.axis for f in findings}, dead_bands(parts, machine)
     result = Diagnosis(
         findings=tuple(findings),
         clean_axes=tuple(a for a in axes if a not in found),
@@ -160,10 +160,11 @@ def _diagnose(
             **as_json(models),
             "history": _history(parts),
             "orders": [r.part.order for r in parts],
-            "dead_bands": dead_bands(parts, machine),
+            "dead_bands": bands,
         },
         rejected=tuple(rejected),
         notes=tuple(notes),
+        moving_s={axis: moving_s(parts, axis, bands) for axis in axes},
     )
     return result if pair is None else in_its_unit(result, pair)
 
@@ -191,7 +192,7 @@ def _keeping_memory(work: Callable[..., Result], *given: Any) -> Result:
 
 def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:
     """What a finding takes away from the error, in noise of its axis; faulty inputs come before everything."""
-    if finding.mechanism == "input_fault":
+    if not finding.modelled:
         return float("inf")
     gain = max(finding.fit.rmse_before**2 - finding.fit.rmse_after**2, 0.0)
     return gain / models[finding.axis].noise_level ** 2 + 1e-12 * finding.evidence.delta_bic

@@ -21,7 +21,8 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Fit, Term, fit, held_back, solve
 from pido.diagnosis.whiten import Noise
 
-_FORM = 0.02  # of an amplitude: no textbook form is a machine's to better than that, however many samples say so
+FORM = 0.02
+"""Of an amplitude, to either side: no textbook form is a machine's to better than that, however many samples say so."""
 _STEP = 0.02  # relative, of a shape parameter
 LAG = "lag"
 _NORMAL_95 = 1.96
@@ -76,7 +77,7 @@ def estimate(
         half = [max(h, abs(float(b - a))) for h, b, a in zip(half, beta, again, strict=True)]
     of_amplitudes = slice(len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns))
     half[of_amplitudes] = [
-        max(h, _FORM * abs(float(b))) for h, b in zip(half[of_amplitudes], beta[of_amplitudes], strict=True)
+        max(h, FORM * abs(float(b))) for h, b in zip(half[of_amplitudes], beta[of_amplitudes], strict=True)
     ]
     drawn = held_back(model.X, len(mismatch.base), terms, columns)
     for i in np.flatnonzero(drawn):

@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from pido.core.arrays import Float1D
+from pido.core.axes import AXES
 
+NOT_TOLD_APART = 20.0
+"""Difference in BIC below which two mechanisms are equally good for the data."""
 Kind = Literal["missing_physics", "miscalibrated", "data_fault", "unexplained"]
 
 
@@ -31,6 +34,17 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True)
+class FaultySignal:
+    """A stretch of one part, s, in which a column is wrong, and why."""
+
+    part: str
+    column: str
+    t_start: float
+    t_end: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Where:
     """In words an operator understands, as conditions on columns, as intervals, bins, NC blocks and places."""
 
@@ -40,6 +54,7 @@ class Where:
     voxels: tuple[tuple[float, float, float], ...] = ()  # centres (v_x, v_y, AR) of the bins that it fills
     nc_lines: tuple[int, ...] = ()
     workpiece: str | None = None  # where on the workpiece, if it is tied to a place
+    faults: tuple[FaultySignal, ...] = ()  # of a faulty input: each stretch of each column
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +68,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Before and after, on data that the fit had not seen; the scheme says which."""
+    """Before and after; the scheme says on which data. `unseen`: on data that the fit had not seen."""
 
     scheme: str
     rmse_before: float
@@ -61,6 +76,10 @@ class HeldOut:
     r2_before: float
     r2_after: float
     p_value: float
+
+    @property
+    def unseen(self) -> bool:
+        return self.scheme.startswith("leave-one")
 
     @property
     def digits(self) -> int:
@@ -71,7 +90,8 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """A mechanism that these data cannot tell from the finding, and the recording that would."""
+    """A mechanism that explains most of what the finding does, and the recording that would tell them apart. These data
+    cannot where `delta_bic` is below NOT_TOLD_APART; above, it fits them less well."""
 
     mechanism: str
     delta_bic: float
@@ -93,6 +113,11 @@ class Finding:
     replaces: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     factor: Estimate | None = None  # that a miscalibrated coefficient of the simulation has to be multiplied by
+
+    @property
+    def modelled(self) -> bool:
+        """Whether it has a model that takes error away; rows of a faulty input are set aside instead."""
+        return self.mechanism != "input_fault"
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +152,16 @@ class Diagnosis:
     model: Mapping[str, object]
     rejected: tuple[Rejected, ...] = ()
     notes: tuple[str, ...] = field(default=())  # what could not be answered on these data, and why
+    moving_s: Mapping[str, float | None] = field(default_factory=dict)  # per judged axis, of `comparable.moving_s`
+
+    @property
+    def not_judged(self) -> tuple[str, ...]:
+        """Axes of whose current nothing is said."""
+        judged = {*self.clean_axes, *(f.axis for f in self.findings if f.modelled)}
+        judged |= {axis for series in self.parts.values() for axis in series.corrected}
+        return tuple(axis for axis in AXES if axis not in judged)
 
     def beside_others(self, finding: Finding) -> bool:
         """Whether the errors of a finding, before and after, both contain the other findings of its axis."""
         others = any(f is not finding and f.axis == finding.axis for f in self.findings)
-        return others and finding.fit.scheme.startswith("leave-one")
+        return others and finding.fit.unseen

@@ -54,10 +54,25 @@ def intervals(part: str, time: Float1D, act: Bool1D, scores: Float1D) -> list[In
             break
         merge *= 2
     return [
-        Interval(part, float(time[i]), float(time[j]), float(np.mean(scores[i : j + 1][act[i : j + 1]])))
+        Interval(
+            part, *lasting(time, float(time[i]), float(time[j])), float(np.mean(scores[i : j + 1][act[i : j + 1]]))
+        )
         for i, j in zip(first, last, strict=True)
         if act[i : j + 1].any()
     ]
+
+
+def lasting(time: Float1D, start: float, end: float) -> tuple[float, float]:
+    """First and last time of a stretch of samples, s; a single sample lasts until the next one, the last of a part
+    since the one before.
+
+    >>> lasting(np.array([0.0, 0.02, 0.04]), 0.02, 0.02), lasting(np.array([0.0, 0.02, 0.04]), 0.04, 0.04)
+    ((0.02, 0.04), (0.02, 0.04))
+    """
+    if end > start or len(time) < 2:
+        return start, end
+    i = min(int(np.searchsorted(time, start)), len(time) - 2)
+    return float(time[i]), float(time[i + 1])
 
 
 def voxels(

@@ -16,6 +16,8 @@ from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.finding import Diagnosis, Finding
 
+_SIMULATED = "_sim"
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -34,9 +36,26 @@ class Pair:
             raise DiagnosisError(
                 f"--pair {text}: write RECORDED:SIMULATED, two different column names with a colon between them."
             )
-        named = [a for name in (recorded, simulated) for a in AXES if a in name.split("_")]
+        axis = _axis_in(recorded) or _axis_in(simulated) or "x"
         units = [UNITS[n] for n in (simulated, recorded, ALIASES.get(recorded, "")) if n in UNITS]
-        return cls(recorded, simulated, named[0] if named else "x", units[0] if units else "")
+        return cls(recorded, simulated, axis, units[0] if units else "")
+
+    def check(self) -> None:
+        """Raises DiagnosisError, with the call that is meant, for a simulation in the place of the recording, and for
+        columns of two axes."""
+        if self.recorded.endswith(_SIMULATED) and not self.simulated.endswith(_SIMULATED):
+            raise DiagnosisError(
+                f"--pair {self}: '{self.recorded}' is simulated, and stands first. The recorded column comes first: "
+                f"--pair {self.simulated}:{self.recorded}"
+            )
+        first, second = (_axis_in(name) for name in (self.recorded, self.simulated))
+        if first and second and first != second:
+            own = [name.removesuffix(_SIMULATED) for name in (self.recorded, self.simulated)]
+            calls = " or ".join(f"--pair {name}:{name}{_SIMULATED}" for name in own)
+            raise DiagnosisError(
+                f"--pair {self}: '{self.recorded}' is of axis {first}, '{self.simulated}' of axis {second}. Compare "
+                f"two columns of one axis: {calls}"
+            )
 
     def __str__(self) -> str:
         return f"{self.recorded}:{self.simulated}"
@@ -60,8 +79,10 @@ def pair_of(model: Mapping[str, object]) -> Pair | None:
 
 
 def paired(parts: Sequence[Recording], text: str) -> list[Recording]:
-    """Every part with the pair in place of its currents. Raises DiagnosisError where a part lacks one of the two."""
+    """Every part with the pair in place of its currents. Raises DiagnosisError where the two cannot be a recording and
+    its simulation, or a part lacks one of them."""
     pair = Pair.parse(text)
+    pair.check()
     for recording in parts:
         _numbers(recording, pair.recorded)
     return [pair.of(recording) for recording in parts]
@@ -71,7 +92,7 @@ def in_its_unit(diagnosis: Diagnosis, text: str) -> Diagnosis:
     """The diagnosis of a pair, with the pair in its model and the pair's unit where the mechanisms say ampere."""
     pair = Pair.parse(text)
     notes = diagnosis.notes
-    if not any(pair.axis in name.split("_") for name in (pair.recorded, pair.simulated)):
+    if not any(map(_axis_in, (pair.recorded, pair.simulated))):
         notes = (*notes, f"--pair {text}: neither name holds an axis; the motion of {pair.axis} was looked at.")
     return replace(
         diagnosis,
@@ -96,6 +117,11 @@ def unit_of(unit: str, instead: str) -> str:
     swapped = re.sub(r"(?<![A-Za-z·])A(?![A-Za-z·])", instead or "[recorded]", unit)
     over, _, under = swapped.partition("/")
     return "–" if under.strip("()") == over else swapped
+
+
+def _axis_in(name: str) -> str | None:
+    """The axis that a column's name holds."""
+    return next((axis for axis in AXES if axis in name.split("_")), None)
 
 
 def _known_as(recording: Recording, name: str) -> str | None:

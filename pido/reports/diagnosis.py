@@ -17,21 +17,23 @@ from bokeh.plotting import figure
 
 from pido.accepted import INSTANT, name_of
 from pido.core.arrays import Float1D
-from pido.core.columns import CURRENT, POSITION, VELOCITY
+from pido.core.columns import CURRENT, POSITION, UNITS, VELOCITY
 from pido.core.recording import Recording
+from pido.diagnosis.comparable import SHORT_S
 from pido.diagnosis.contract import unit_of_series
-from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries
+from pido.diagnosis.estimate import FORM
+from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, PartSeries
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
-from pido.reports.words import in_words
+from pido.reports.words import in_words, shortened
 
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
 MOST_MAP_POINTS = 3000
 MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
-NOT_TOLD_APART = 20.0
-"""Difference in BIC below which two mechanisms are equally good for these data."""
+MOST_FAULTS = 40
+"""Faulty stretches of a signal shown in a row each."""
 
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
@@ -41,8 +43,11 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
     sections = [_overview(diagnosis)] if diagnosis.findings else []
     drawn: set[str] = set()
     for finding in diagnosis.findings:
-        figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
-        drawn.add(finding.axis)
+        if not finding.modelled:
+            figures = _faulty(finding, by_part)
+        else:
+            figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
+            drawn.add(finding.axis)
         sections.append(_finding(finding, diagnosis.beside_others(finding), figures))
     if not diagnosis.findings:
         sections.append(Section("Recorded and simulated where they differ most", figures=_clean(diagnosis, by_part)))
@@ -66,19 +71,35 @@ def verdict(diagnosis: Diagnosis) -> str:
     """The result in one or two sentences."""
     if not diagnosis.findings:
         axes = ", ".join(diagnosis.clean_axes) or "any axis"
-        return f"Simulation and recording agree within the noise: nothing systematic is left out on {axes}."
+        return (
+            f"Simulation and recording agree within the noise: nothing systematic is left out on {axes}."
+            f"{_limits(diagnosis)}"
+        )
     first = diagnosis.findings[0]
     text = f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}."
-    if np.isfinite(first.fit.rmse_before):
-        text += (
-            f" With it the error on data that was not used for the fit falls from {_rmse(first.fit, ' to ')}"
-            f"{_unit(diagnosis)}."
-        )
+    if first.modelled:
+        on = " on data that was not used for the fit" if first.fit.unseen else ""
+        text += f" With it the error{on} falls from {_rmse(first.fit, ' to ')}{_unit(diagnosis)}."
     others = len(diagnosis.findings) - 1
     if others:
         text += f" {others} further finding{'s' if others > 1 else ''} below."
     if diagnosis.clean_axes:
         text += f" Nothing significant on: {', '.join(diagnosis.clean_axes)}."
+    return text + _limits(diagnosis)
+
+
+def _limits(diagnosis: Diagnosis) -> str:
+    """How far 'nothing' reaches: axes that moved little or were not judged. Empty where all moved enough."""
+    seconds = {axis: diagnosis.moving_s[axis] for axis in diagnosis.clean_axes if axis in diagnosis.moving_s}
+    short = [f"{axis} moves for {s:.3g} s" for axis, s in seconds.items() if s and s < SHORT_S]
+    still = [axis for axis, s in seconds.items() if not s]
+    text = ""
+    if short:
+        text += f" Little motion stands behind this: {', '.join(short)} in all, which shows only strong effects."
+    if still:
+        text += f" Not seen to move, so friction and inertia are not judged: {', '.join(still)}."
+    if diagnosis.not_judged and pair_of(diagnosis.model) is None:
+        text += f" Not judged: {', '.join(diagnosis.not_judged)}."
     return text
 
 
@@ -93,13 +114,14 @@ def _overview(diagnosis: Diagnosis) -> Section:
             in_words(f.mechanism),
             f.kind.replace("_", " "),
             f.where.summary,
-            _rmse(f.fit) if np.isfinite(f.fit.rmse_before) else "–",
-            _chance(f.evidence.q_value).removeprefix("= "),
+            _rmse(f.fit) if f.modelled else "–",
+            _chance(f.evidence.q_value).removeprefix("= ") if f.modelled else "–",
         )
         for f in diagnosis.findings
     ]
     unit = _unit(diagnosis)
-    head = ("axis", "what", "kind", "where", f"held-out RMSE{',' if unit else ''}{unit}", "q")
+    held_out = "held-out " if all(f.fit.unseen for f in diagnosis.findings if f.modelled) else ""
+    head = ("axis", "what", "kind", "where", f"{held_out}RMSE{',' if unit else ''}{unit}", "q")
     return Section("Findings, the strongest first", table=Table(head, rows))
 
 
@@ -116,19 +138,21 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     if f.where.nc_lines:
         shown = ", ".join(map(str, f.where.nc_lines[:20]))
         lines.append(f"NC blocks: {shown}{' …' if len(f.where.nc_lines) > 20 else ''}")
-    if np.isfinite(f.evidence.delta_bic):
+    if f.modelled:
         lines.append(
             f"Evidence: p {_chance(f.evidence.p_value)}, corrected for all questions asked q "
             f"{_chance(f.evidence.q_value)}; difference in BIC {number(f.evidence.delta_bic)}."
         )
-    if np.isfinite(f.fit.rmse_before):
+        on = "On unseen data" if f.fit.unseen else "On all data"
         others = ", without it → with it, beside the axis' other findings" if beside_others else ""
         lines.append(
-            f"On unseen data ({f.fit.scheme}{others}): RMSE {_rmse(f.fit)}, "
+            f"{on} ({f.fit.scheme}{others}): RMSE {_rmse(f.fit)}, "
             f"R² {f.fit.r2_before:.4f} → {f.fit.r2_after:.4f}, p {_chance(f.fit.p_value)}."
         )
     else:
         lines.append("A contradiction within the recording itself: no fit is needed to see it, and none was made.")
+        if len(f.where.faults) > MOST_FAULTS:
+            lines.append(f"The first {MOST_FAULTS} of {len(f.where.faults)} places; all stand in details.json.")
     if f.replaces:
         lines.append(f"It takes the place of: {', '.join(f.replaces)}. Do not add the same physics twice.")
     for close, says in (
@@ -144,6 +168,14 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
             lines.append(f"{says}: {', '.join(names)}.")
     rows = _parameters(f.parameters)
     table = Table(("parameter", "value", "95 % interval"), rows) if rows else None
+    if rows and f.fit.unseen:
+        lines.append(
+            f"No interval of an amplitude is narrower than {100 * FORM:.0f} % of its value to either side: the "
+            "textbook form is never quite the machine's."
+        )
+    if f.where.faults:
+        places = [(s.part, s.column, f"{s.t_start:.2f}", f"{s.t_end:.2f}", s.reason) for s in f.where.faults]
+        table = Table(("part", "column", "from, s", "to, s", "what is wrong"), places[:MOST_FAULTS])
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
 
 
@@ -228,6 +260,30 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     ]
 
 
+def _faulty(finding: Finding, by_part: dict[str, Recording]) -> list[figure]:
+    """Each faulty column where it is wrong first, its faults marked."""
+    figures = []
+    for column in dict.fromkeys(f.column for f in finding.where.faults):
+        faults = [f for f in finding.where.faults if f.column == column and f.part in by_part]
+        if not faults:
+            continue
+        part, start = faults[0].part, faults[0].t_start
+        recording = by_part[part]
+        window = np.abs(recording.time - start) <= AROUND_WORST_S / 2
+        plot = signal_figure(
+            f"Axis {finding.axis}, part {shortened(part)}:\n{column}, where it is wrong first", "time, s",
+            f"{column}, {UNITS[column]}",
+        )  # fmt: skip
+        x, y = extremes(recording.time[window], np.asarray(recording[column], float)[window])
+        plot.line(x, y, color=COLOURS["recorded"], line_width=1.6)
+        for fault in [f for f in faults if f.part == part and f.t_start <= x[-1]][:MOST_FAULTS]:
+            plot.add_layout(
+                BoxAnnotation(left=fault.t_start, right=fault.t_end, fill_color=COLOURS["mismatch"], fill_alpha=0.25)
+            )
+        figures.append(plot)
+    return figures
+
+
 def _clean(diagnosis: Diagnosis, by_part: dict[str, Recording]) -> list[figure]:
     """Every axis without a finding, in the part with its largest difference."""
     figures = []
@@ -261,7 +317,7 @@ def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, ser
     total = np.cumsum(np.concatenate([[0.0], power]))
     start = int(np.argmax(total[width:] - total[:-width]))
     window = slice(start, start + width)
-    plot = signal_figure(f"Part {part}, axis {axis}:\nwhere it differs most", "time, s", label)
+    plot = signal_figure(f"Axis {axis}, part {shortened(part)}:\nwhere it differs most", "time, s", label)
     lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
     if not series.mismatch[axis].any():
         lines.pop()  # nothing was corrected
@@ -275,7 +331,7 @@ def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, ser
 
 
 def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:
-    plot = signal_figure(f"Part {part}, axis {axis}: difference", "time, s", label, 220)
+    plot = signal_figure(f"Axis {axis}, part {shortened(part)}:\ndifference", "time, s", label, 220)
     if recorded is not None:
         x, y = extremes(series.time, recorded - (series.corrected[axis] - series.mismatch[axis]))
         plot.line(x, y, color="#999999", legend_label="recorded − simulated")

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.embed import components
-from bokeh.models import Legend
+from bokeh.models import Legend, PlainText, Title
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader
@@ -91,11 +91,12 @@ def write_page(page: Page, path: Path) -> None:
 
 
 def signal_figure(title: str, x_label: str, y_label: str, height: int = 280) -> figure:
-    """An empty plot that zooms and pans, as wide as the page, with units on its axes."""
+    """An empty plot that zooms and pans, as wide as the page, with units on its axes. Its words stay as they are: `$$`
+    in a name is no formula."""
     plot = figure(
-        title=title,
-        x_axis_label=x_label,
-        y_axis_label=y_label,
+        title=Title(text=PlainText(text=title)),
+        x_axis_label=PlainText(text=x_label),
+        y_axis_label=PlainText(text=y_label),
         height=height,
         sizing_mode="stretch_width",
         tools="xpan,xwheel_zoom,box_zoom,reset,save,hover",

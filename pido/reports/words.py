@@ -60,6 +60,15 @@ def of_a_run(key: str) -> str:
     return OF_A_RUN.get(key, key.replace("_", " "))
 
 
+def shortened(name: str, most: int = 24) -> str:
+    """A name as the title of a plot can show it, its beginning and its end: names of one series differ at either.
+
+    >>> shortened("p01"), shortened("gearbox cover, batch 2024-11, part 0017")
+    ('p01', 'gearbox cov…1, part 0017')
+    """
+    return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 :]}"
+
+
 def in_words(mechanism: str) -> str:
     """Plain words for a mechanism's identifier.
 

@@ -1,6 +1,7 @@
 """What `pido diagnose` says of recordings that it cannot compare, or only in part; it never makes a finding up."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -213,6 +214,64 @@ def test_a_speed_in_another_unit_is_said_and_what_was_found_stands_beside_it(mad
     assert code == 0
     assert "part p1: v_x: 'v_x' is 60 times the derivative of its position. It looks like mm/min" in err
     assert any("mm/min" in note for note in json.loads((tmp_path / "out" / "details.json").read_text())["notes"])
+
+
+@pytest.mark.parametrize("pair", [(), ("--pair", "f_y:f_y_sim")])
+def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pair, made, diagnose, tmp_path):
+    """x moves wrongly in the second part; with --pair only y is compared."""
+
+    def change(columns, number):
+        columns |= {"f_y": columns["curr_y"], "f_y_sim": columns["curr_y_sim"]}
+        if number == 2:
+            columns["v_x"] = np.where(np.isin(np.arange(ROWS), [700, 701]), 9e4, columns["v_x"])
+        return columns
+
+    code, found, _, err = diagnose(*made(change), *pair)
+    assert code == 0, err
+    assert ("x", "input_fault") in found
+    out = tmp_path / "out"
+    fault, details = (
+        next(f for f in json.loads((out / name).read_text())["findings"] if f["mechanism"] == "input_fault")
+        for name in ("diagnosis.json", "details.json")
+    )
+    wrong = next(f for f in details["faults"] if f["column"] == "v_x")
+    assert (wrong["part"], wrong["t_start"], wrong["t_end"]) == ("p2", 14.0, pytest.approx(14.02))
+    assert "first in part p2 at 1" in fault["where"]["summary"]
+    fit, judged = fault["fit"], "y" if pair else "x"
+    tables = [_columns(k, ROWS) for k in (1, 2, 3)]
+    left = np.concatenate([t[f"curr_{judged}"] - t[f"curr_{judged}_sim"] for t in tables])
+    assert fit["rmse_before"] == pytest.approx(np.sqrt(np.mean(left**2)))
+    assert fit["rmse_after"] == pytest.approx(fit["rmse_before"], rel=0.02)
+    assert f"axis {judged}" in fit["scheme"]
+    assert fit["p_value"] == 1
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "v_x, where it is wrong first" in page
+
+
+@pytest.mark.parametrize(("sample", "start"), [(700, 14.0), (ROWS - 1, 23.96)])
+def test_a_single_sample_that_is_wrong_lasts_a_step(sample, start, made, diagnose, tmp_path):
+    def change(columns, _):
+        return columns | {"a_x": np.where(np.arange(ROWS) == sample, 9e6, columns["a_x"])}
+
+    assert ("x", "input_fault") in diagnose(*made(change))[1]
+    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["findings"]
+    (fault,) = [f for f in told if f["mechanism"] == "input_fault"]
+    spans = [(i["t_start"], i["t_end"]) for i in fault["where"]["intervals"]]
+    np.testing.assert_allclose(spans, [(start, start + 0.02)] * 3)
+
+
+def test_the_verdict_says_how_little_stands_behind_it_and_which_axes_were_not_judged(made, diagnose, tmp_path):
+    def change(columns, number):
+        columns |= {"curr_x": columns["curr_x_sim"] + np.random.default_rng(5).normal(0, 0.03, ROWS)}
+        return columns | {"curr_z": np.full(ROWS, 2.0), "curr_z_sim": np.zeros(ROWS), "pos_z": np.zeros(ROWS)}
+
+    code, found, clean, _ = diagnose(*made(change, count=1))
+    assert (code, found, clean) == (0, [], ["x", "y"])
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    verdict = re.search(r"Simulation and recording agree.*?</p>", page, re.DOTALL).group()
+    assert re.search(r"x moves for 2\d(\.\d)? s, y moves for 2\d(\.\d)? s", verdict)
+    assert "only strong effects" in verdict
+    assert "Not judged: z, sp." in verdict
 
 
 def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says_so(made, diagnose):

@@ -1,4 +1,4 @@
-"""What `simulate` and `correct` read and where they write: nothing that was recorded is replaced."""
+"""What `simulate`, `correct` and `diagnose` read and where they write: nothing that was recorded is replaced."""
 
 import json
 
@@ -65,6 +65,44 @@ def test_what_was_recorded_or_is_read_is_not_replaced(words, place, call):
     assert contents(place) == before
 
 
+@pytest.mark.parametrize("name", ["diagnosis.json", "model.json", "details.json", "report.html", "parts"])
+def test_a_file_of_somebody_else_is_not_replaced_by_a_diagnosis(name, place, call):
+    (place / "mine").mkdir()
+    (place / "mine" / name).write_text('{"schema": "of something else"}')
+    (place / "empty").mkdir()  # reading this would be an error as well
+    before = contents(place)
+    code, out, err = call("diagnose", place / "empty", "--out", place / "mine")
+    assert (code, out) == (1, "")
+    assert err.startswith(f"pido: --out {place}/mine: ")
+    assert f"mine/{name}" in err
+    assert contents(place) == before
+
+
+@pytest.mark.parametrize("out", ["mine", "diagnosis"])
+def test_a_recording_in_the_folder_of_the_series_is_not_removed_by_a_diagnosis(out, place, call):
+    (place / out / "parts").mkdir(parents=True, exist_ok=True)
+    (place / out / "parts" / "of_monday.parquet").write_bytes((place / "p01" / "recording.parquet").read_bytes())
+    before = contents(place)
+    code, _, err = call("diagnose", place / "p01", "--out", place / out)
+    assert code == 1
+    assert "of_monday.parquet" in err
+    assert contents(place) == before
+
+
+def test_a_diagnosis_takes_the_place_of_an_earlier_one_and_goes_beside_what_it_does_not_replace(place, call):
+    out = place / "diagnosis"
+    (out / "parts").mkdir(exist_ok=True)
+    for name in ("note.txt", "parts/note.txt"):
+        (out / name).write_text("to be cut on Monday")
+    for k, name in enumerate(("p01", "p02")):
+        noise = np.random.default_rng(k).normal(0, 0.1, 600)
+        changed(place / name, curr_x=read_recording(place / name)["curr_x"] + noise)
+        code, _, err = call("diagnose", place / name, "--out", out)
+        assert code == 0, err
+    assert {p.name for p in (out / "parts").iterdir()} == {"p02.parquet", "note.txt"}
+    assert (out / "note.txt").exists()
+
+
 @pytest.mark.parametrize("out", ["simulated", "simulated.parquet", "simulated.PARQUET"])
 def test_a_simulation_takes_the_place_of_an_earlier_one(out, place, call):
     words = ("simulate", place / "slot.mpf", "--job", place / "job.toml", "--out", place / out)
@@ -114,6 +152,12 @@ def test_a_part_in_another_unit_is_corrected_and_said(place, call):
     code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
     assert code == 0
     assert "It looks like mm/min" in err
+
+
+def test_a_recorded_current_that_is_not_read_is_not_spoken_of(place, call):
+    changed(place / "p01", curr_x=np.full(600, np.nan), curr_y=np.full(600, np.nan))
+    code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert (code, err) == (0, "")
 
 
 @pytest.mark.parametrize(("made_on", "code"), [("cmx600v", 0), ("dmc60h", 1), (None, 0)])

@@ -202,7 +202,8 @@ def test_a_correction_holds_no_number_where_what_it_follows_from_is_missing(made
 
 
 def test_diagnosing_fewer_parts_into_the_same_folder_leaves_none_of_the_others_behind(made, tmp_path):
-    one = PartSeries(np.arange(3.0), {}, {}, {})
+    time = np.arange(3.0)
+    one = PartSeries(time, {"x": time}, {"x": time}, {"x": time})
     contract.write(Diagnosis((), (), {"a": one, "b": one}, {}), tmp_path)
     contract.write(Diagnosis((), (), {"b": one}, {}), tmp_path)
     assert [p.name for p in (tmp_path / "parts").iterdir()] == ["b.parquet"]

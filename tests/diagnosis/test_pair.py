@@ -13,7 +13,8 @@ from pido.cli.diagnose import command as diagnose_command
 from pido.core.errors import DiagnosisError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.pair import Pair
+from pido.diagnosis.diagnose import diagnose
+from pido.diagnosis.pair import Pair, pair_of
 from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
 
@@ -103,3 +104,25 @@ def test_axis_and_unit_are_read_from_the_names(text, axis, unit):
 def test_what_is_no_pair_is_refused(text):
     with pytest.raises(DiagnosisError, match="RECORDED:SIMULATED"):
         Pair.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("f_x_sim:f_x", ["--pair f_x:f_x_sim"]),
+        ("curr_x:curr_y_sim", ["--pair curr_x:curr_x_sim", "--pair curr_y:curr_y_sim"]),
+        ("f_x:m_sp", ["--pair f_x:f_x_sim", "--pair m_sp:m_sp_sim"]),
+    ],
+)
+def test_swapped_columns_and_those_of_two_axes_are_refused_with_the_call_that_is_meant(text, meant, tmp_path):
+    folder = part(tmp_path, 1)
+    recording = read_recording(folder)
+    more = {name: recording["curr_x"] for name in ("curr_y_sim", "m_sp")}
+    write_folder(recording.with_columns(**more), folder)
+    with pytest.raises(DiagnosisError) as refused:
+        diagnose([read_recording(folder)], pair=text)
+    assert all(call in str(refused.value) for call in meant)
+
+
+def test_a_correction_by_a_swapped_pair_that_was_accepted_once_is_still_read():
+    assert str(pair_of({"pair": "f_x_sim:f_x"})) == "f_x_sim:f_x"

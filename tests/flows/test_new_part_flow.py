@@ -11,9 +11,12 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from markdown_it import MarkdownIt
 from plain_parts import parts as made_up
 
+from flows.diagnose import line, page
 from flows.server import prefect_server
+from pido.diagnosis.finding import Evidence, Finding, HeldOut, Where
 from pido.recordings.folder import write_folder
 from pido.tracking import bundle
 from pido.tracking.ledger import Ledger
@@ -210,3 +213,16 @@ def _task_runs(api: str) -> list[dict]:
     )
     with urllib.request.urlopen(request, timeout=10) as reply:
         return json.load(reply)
+
+
+@pytest.mark.parametrize("mechanism", ["stribeck_friction", "input_fault"])
+def test_a_finding_is_a_row_of_the_table_on_prefects_page_whatever_its_words_hold(mechanism):
+    fit = HeldOut("leave-one-part-out", 0.31, 0.12, 0.6, 0.9, 1e-5)
+    where = Where(r"below |v_y| = 1.3 mm/s, part a\|b<c")
+    found = Finding("y", mechanism, "missing_physics", "", {}, where, Evidence(0.0, 0.0, 0.0), fit)
+    text = page("m", {"parts": ["p"], "compared": True, "lines": [line(found)], "notes": []}, Path("out"))
+    tokens = MarkdownIt().enable("table").parse(text)
+    cells = [t.children for t in tokens if t.type == "inline" and t.level == 4]
+    shown = ["".join(c.content for c in each) for each in cells]
+    errors = ["–", "–"] if mechanism == "input_fault" else ["0.31", "0.12"]
+    assert shown == ["axis", "mechanism", "where", "RMSE before, A", "after, A", "y", mechanism, where.summary, *errors]

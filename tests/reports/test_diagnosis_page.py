@@ -18,6 +18,7 @@ from pido.diagnosis.finding import (
     Diagnosis,
     Estimate,
     Evidence,
+    FaultySignal,
     Finding,
     HeldOut,
     Interval,
@@ -119,7 +120,8 @@ def test_the_page_is_one_small_file_that_fetches_nothing(tmp_path):
     fetched = _Fetched()
     fetched.feed(html)
     assert fetched.urls == []
-    for wanted in ("stribeck_friction", "0.31", "0.12", "an air cut at three feeds, 40 s", "no gain on unseen parts",
+    for wanted in ("stribeck_friction", "narrower than 2 % of its value", "0.31",
+                   "0.12", "an air cut at three feeds, 40 s", "no gain on unseen parts",
                    "pido accept-physics FOLDER --finding x:stribeck_friction"):  # fmt: skip
         assert wanted in html
 
@@ -160,17 +162,39 @@ def test_without_a_finding_the_signals_are_shown_all_the_same():
 
 def test_a_fault_of_the_inputs_claims_no_fit():
     diagnosis, recording = _diagnosis()
-    none = float("nan")
+    wrong = tuple(FaultySignal("p01", "v_x", 4.0 * k, 4.0 * k + 0.02, "spike") for k in range(3, 60))
     fault = replace(
         diagnosis.findings[0],
         mechanism="input_fault",
-        evidence=Evidence(0.0, 0.0, float("inf")),
-        fit=HeldOut("no fit: rows are set aside", none, none, none, none, 0.0),
+        parameters={},
+        where=Where("v_x is wrong", faults=wrong),
+        evidence=Evidence(0.0, 0.0, 0.0),
+        fit=HeldOut("nothing fitted", 0.0201, 0.0202, 0.97, 0.98, 1.0),
     )
-    page = diagnosis_page(replace(diagnosis, findings=(fault,)), [recording])
-    assert "falls from" not in page.verdict
-    assert "nan" not in page.verdict
-    assert "no fit is needed" in render(page)
+    only = replace(diagnosis, findings=(fault, diagnosis.findings[0]))
+    page = diagnosis_page(only, [recording])
+    _, section, other = page.sections[:3]
+    assert "no fit is needed" in " ".join(section.text)
+    for claimed in ("falls from", "1e-12", "unseen", "0.0201"):
+        assert claimed not in " ".join([page.verdict, *section.text, *summary(only)[:1]])
+    assert section.table.rows[0] == ("p01", "v_x", "12.00", "12.02", "spike")
+    assert len(section.table.rows) < len(wrong)
+    assert "details.json" in " ".join(section.text)
+    (plot,) = section.figures  # the faulty signal where it is first wrong; the current stands with what is found in it
+    (line,) = plot.renderers
+    at = line.data_source.data["x"]
+    assert 12.0 - 7.0 < min(at) < 12.0 < max(at) < 12.0 + 7.0
+    np.testing.assert_allclose(line.data_source.data["y"], 5.0 * np.sin(at))
+    assert len(other.figures) > 1
+
+
+def test_an_error_on_data_of_the_fit_is_not_said_to_be_on_unseen_ones():
+    diagnosis, recording = _diagnosis()
+    shift = HeldOut("one shift for all parts and axes", 0.31, 0.12, 0.62, 0.9, 1e-5)
+    page = diagnosis_page(replace(diagnosis, findings=(replace(diagnosis.findings[0], fit=shift),)), [recording])
+    assert "the error falls from 0.31 to 0.12 A" in page.verdict
+    assert "nseen data" not in render(page)
+    assert "held-out" not in render(page)
 
 
 def test_errors_beside_other_findings_of_the_axis_are_said_to_be_so():
@@ -222,3 +246,26 @@ def test_errors_that_a_rare_effect_hardly_changes_are_said_in_digits_that_differ
     only = replace(diagnosis, findings=(rare,))
     assert summary(only)[0].endswith("RMSE 3.425 -> 3.419 (leave-one-part-out)")
     assert "falls from 3.425 to 3.419" in diagnosis_page(only, [recording]).verdict
+
+
+def test_the_title_of_a_plot_names_its_axis_and_fits_a_phone_however_long_the_part_is_called():
+    diagnosis, recording = _diagnosis("Gehäusedeckel_" + "sehr_lang_" * 18 + "17")
+    plots = [plot for section in diagnosis_page(diagnosis, [recording]).sections for plot in section.figures]
+    about = [plot.title.text.text.splitlines() for plot in plots if "part" in plot.title.text.text]
+    assert about
+    for lines in about:
+        assert lines[0].startswith("Axis x, part Gehäuse")
+        assert "17:" in lines[0]
+        assert max(map(len, lines)) <= 40
+
+
+def test_a_verdict_on_enough_motion_of_all_axes_has_no_reservation():
+    diagnosis, recording = _diagnosis()
+    long = Diagnosis((), ("x", "y", "z", "sp"), {}, {}, moving_s=dict.fromkeys(("x", "y", "z", "sp"), 600.0))
+    assert diagnosis_page(long, [recording]).verdict.endswith("left out on x, y, z, sp.")
+    still = replace(long, moving_s={**long.moving_s, "y": None, "z": 0.0})
+    assert "friction and inertia are not judged: y, z." in diagnosis_page(still, [recording]).verdict
+    found = replace(diagnosis, moving_s={"x": 3.0, "y": 4.0, "z": 600.0, "sp": 600.0})
+    verdict = diagnosis_page(found, [recording]).verdict
+    assert "y moves for 4 s" in verdict  # of x something was found
+    assert "x moves" not in verdict

@@ -8,6 +8,14 @@ from pido.reports.page import Page, Section, Table, signal_figure, write_page
 
 PAPER_PX = 180 / 25.4 * 96
 """Between the margins of A4, CSS px."""
+LISTEN = """
+window.drawn = [];
+const draw = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...at) {
+  drawn.push(text);
+  draw.call(this, text, ...at);
+};
+"""
 pytestmark = pytest.mark.browser
 
 
@@ -16,7 +24,7 @@ def page(tmp_path_factory):
     """Everything a page can hold: a hostile name, a wide table, an open and a folded plot."""
     plots = []
     for name in ("open", "folded"):
-        plot = signal_figure(f"Axis {name}", "time, s", "current, A")
+        plot = signal_figure(f"Axis {name}, part Los $$7$$:\nwhere it differs most", "time, s", "$$f_x$$, N")
         plot.line(np.arange(100.0), np.sin(np.arange(100.0)), legend_label="recorded")
         plots.append(plot)
     table = Table([f"column {k}" for k in range(9)], [["a value of some length"] * 9] * 3)
@@ -33,7 +41,9 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser():
+    """Keeps the words that a page draws."""
     with chromium.started("1280,900", **{"goog:loggingPrefs": {"browser": "ALL"}}) as found:
+        found.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": LISTEN})
         yield found
 
 
@@ -54,6 +64,12 @@ def test_nothing_sticks_out_and_nothing_goes_wrong(opened):
     assert opened.execute_script("return document.documentElement.scrollWidth") <= width
     assert not [one for one in opened.get_log("browser") if one["level"] == "SEVERE"]
     assert opened.title.startswith("Part <script>")
+
+
+def test_words_of_a_plot_are_drawn_as_they_are(opened):
+    drawn = opened.execute_script("return window.drawn")
+    for words in ("Axis open, part Los $$7$$:", "where it differs most", "$$f_x$$, N"):
+        assert words in drawn
 
 
 def test_a_folded_plot_has_the_width_of_the_page_once_it_is_opened(opened):
