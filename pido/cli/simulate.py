@@ -14,6 +14,8 @@ from pido.cli.outputs import replaceable
 if TYPE_CHECKING:
     from pido.core.recording import Recording
 
+_OTHER_FILES = (".csv", ".json", ".txt", ".xlsx", ".mpf", ".feather", ".h5")
+
 
 @click.command(name="simulate")
 @click.argument("program", type=Input(dir_okay=False))
@@ -56,6 +58,8 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
     from pido.process.simulate import simulate_job
     from pido.recordings.folder import ABOUT, DATA, write_columns, write_folder
 
+    if out.suffix.lower() in _OTHER_FILES and not out.is_dir():
+        raise click.BadParameter(f"{out.name}: NAME.parquet is written, or a folder.", param_hint="--out")
     alone = out.suffix.lower() == ".parquet" and not out.is_dir()
     file = out if alone else out / DATA
     replaceable(file, _simulated, "simulated recording")

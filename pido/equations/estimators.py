@@ -171,8 +171,14 @@ class LocalPhysicalEquations(_EquationRegressor):
     @overload
     def predict(self, X: Any, return_std: Literal[True]) -> tuple[Float1D | Float2D, Float1D | Float2D]: ...
     def predict(self, X: Any, return_std: bool = False) -> Any:
-        """Currents, A, and with `return_std` their standard errors, A."""
-        return (self._predict(X, 0), self._predict(X, 1)) if return_std else self._predict(X, 0)
+        """Currents, A, and with `return_std` their standard errors, A: NaN where there were no more rows than terms
+        that they determine, which leaves nothing to tell the noise by."""
+        if not return_std:
+            return self._predict(X, 0)
+        error = self._predict(X, 1)
+        both = zip(map(_overall, self.equations_), self._where, strict=True)
+        told = np.concatenate([e.effective[list(axes)] > e.rank[list(axes)] for e, axes in both])
+        return self._predict(X, 0), np.where(told[0] if self._flat else told, error, np.nan)
 
     def _equation(self, rows: Samples) -> LocalEquations:
         machine, terms, grid = self.machine or ANY_MILL, self._terms(), Grid(self.bin_width)

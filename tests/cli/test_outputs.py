@@ -111,6 +111,13 @@ def test_a_simulation_takes_the_place_of_an_earlier_one(out, place, call):
     assert "a_p" not in read_recording(place / out)
 
 
+def test_a_simulation_is_not_written_under_the_name_of_another_format(place, call):
+    code, _, err = call("simulate", place / "slot.mpf", "--job", place / "job.toml", "--out", place / "slot.csv")
+    assert code != 0
+    assert "NAME.parquet" in err
+    assert not (place / "slot.csv").exists()
+
+
 def test_a_simulation_goes_into_a_folder_that_holds_something_else(place, call):
     (place / "mine").mkdir()
     (place / "mine" / "note.txt").write_text("to be cut on Monday")

@@ -70,6 +70,15 @@ def test_the_standard_error_grows_beyond_the_samples():
     assert (beyond > 10 * inside).all()
 
 
+@pytest.mark.parametrize("flat", [True, False])
+def test_the_standard_error_is_unknown_where_no_row_is_left_to_tell_the_noise_by(flat):
+    X, current = axis()
+    y = current if flat else np.column_stack([current, current])
+    _, error = LocalPhysicalEquations().fit(X.iloc[:1], y[:1]).predict(X, return_std=True)
+    assert error.shape == y.shape
+    assert np.isnan(error).all()
+
+
 @pytest.mark.parametrize("kind", [pl.DataFrame, lambda f: pa.Table.from_pandas(f, preserve_index=False), dict])
 def test_tables_of_every_kind_give_the_same_equation(kind):
     X, current = axis(400)
