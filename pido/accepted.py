@@ -234,9 +234,10 @@ def _not_there_yet(workspace: Workspace, machine: str, about: Mapping[str, Any],
         )
 
 
-def _law(term: Mapping[str, Any]) -> tuple[str, float]:
-    """What two findings of the same physics have in common: the mechanism and, of a coupling, what it is coupled to."""
-    return term["mechanism"]["id"], term["shape"].get("source", 0.0)
+def _law(term: Mapping[str, Any]) -> tuple[str, float, str]:
+    """What two findings of the same physics have in common: the mechanism, the box that it acts in, and, of a coupling,
+    what it is coupled to."""
+    return term["mechanism"]["id"], term["shape"].get("source", 0.0), json.dumps(term.get("gates", []), sort_keys=True)
 
 
 def _state(samples: Samples, axis: str, bands: Sequence[float]) -> AxisState:

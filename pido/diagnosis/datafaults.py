@@ -72,7 +72,7 @@ def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Find
 
 def _without(parts: Sequence[Recording], axis: str, judged: str) -> HeldOut:
     """Errors of the simulation of `judged` on all rows, and without those in which an input of `axis` is faulty; of the
-    mean where nothing is simulated. Nothing is fitted, so nothing is proved: p is 1.
+    mean where nothing is simulated. Nothing is fitted: p is that of the fault, whose signals contradict each other.
     """
     curr = np.concatenate([r[CURRENT[judged]] for r in parts])
     simulated = all(CURRENT_SIM[judged] in r for r in parts)
@@ -88,7 +88,7 @@ def _without(parts: Sequence[Recording], axis: str, judged: str) -> HeldOut:
         f"nothing fitted: error of {'the simulation' if simulated else 'the mean'} of axis {judged} on all rows, and "
         "without those set aside"
     )
-    return HeldOut(scheme, before, after, r2_before, r2_after, 1.0)
+    return HeldOut(scheme, before, after, r2_before, r2_after, 0.0)
 
 
 Limits = Mapping[str, tuple[float, float]]
