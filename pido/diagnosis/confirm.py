@@ -25,6 +25,7 @@ from pido.diagnosis.whiten import Noise
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
 _DRAWS = 400
 _MANY_BLOCKS = 30  # beyond which Student's t of their number is nearly normal
+_OF_A_BASE = 1e-3  # of the power of a term of the equation, by which it is drawn to zero in folds
 _SOME = 0.01  # of the power of the block that has most of a term's: enough to tell the amplitude
 _FEWEST_ALIKE = 6  # blocks
 _MERGED = (1, 4, 16)  # blocks that count as one observation
@@ -163,7 +164,11 @@ def fold_of(mismatch: Mismatch, terms: Sequence[Term]) -> Int1D:
 
 
 def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold: Int1D | None = None) -> Float1D:
-    """(n,), A – residual of each fold under the amplitudes of the other folds."""
+    """(n,), A – residual of each fold under the amplitudes of the other folds.
+
+    Terms of the equation that those hardly tell apart do not take large sizes against one another, which the fold left
+    out would show as an error of many times the current.
+    """
     columns = [t.columns(mismatch.states) for t in terms]
     design = np.concatenate([mismatch.base, *columns])
     if len(design) == 0:
@@ -171,7 +176,10 @@ def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold
     X, y = noise.whiten(design), noise.whiten(mismatch.target[None])[0]
     out = np.empty(mismatch.n)
     fold = mismatch.fold if fold is None else fold
-    ridge = np.diag(held_back(X, len(mismatch.base), terms, columns))
+    drawn, base = held_back(X, len(mismatch.base), terms, columns), X[: len(mismatch.base)]
+    if len(base) > 1:
+        drawn[: len(base)] += _OF_A_BASE * np.einsum("ij,ij->i", base, base)
+    ridge = np.diag(drawn)
     members = [np.flatnonzero(fold == k) for k in np.unique(fold)]
     within = [(X[:, rows], y[rows]) for rows in members]
     grams = np.array([a @ a.T for a, _ in within])

@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from pido.core.arrays import Bool1D, Float1D
-from pido.diagnosis.confirm import SIGNIFICANT, cross_residual, even, paired_p, plain_errors
+from pido.core.arrays import Float1D
+from pido.diagnosis.confirm import cross_residual, even, plain_errors
 from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.late import Lagged
@@ -37,9 +36,6 @@ _FEW_RIVALS = 5  # that are tried in the place of several terms
 AS_GOOD = 1 / 0.998  # times an error on unseen folds: as good
 _WORSE = 0.15  # of the error on unseen folds, by which one law for several may be worse: their forms mend each other
 _MISSED = 0.25  # of what several laws remove where one of them acts: one law that lacks more there does not say it
-_UNCHANGED, _AROUND = 0.05, 11  # of an effect's largest value, by which it changes over so many rows
-_LITTLE = 0.05  # of the error on unseen folds
-_OFTEN = 0.2  # of the rows in which a law acts: in fewer it is not seen beside a steady one
 # What turns with the motion: where it turns, the form of one may lack any share of what another mends.
 _OF_TURNS = AT_STOPS | {"coulomb_friction", "friction_asymmetry"}
 _WAY = 0.1  # mm, over which Coulomb's friction may turn; what takes longer, and no loop explains, is presliding
@@ -178,10 +174,8 @@ def _misses(
     squares : (n,) each, A² – of what is left on unseen folds without `group`, with `one` in its place, and with `group`
 
     Backlash is little of all that a weight does, and nearly all that is left at reversals: a constant has no form that
-    others could mend, nor has a friction while it is steady. What has no name may stand for the edges of any law.
+    others could mend. What has no name may stand for the edges of any law.
     """
-    rest = [t for t in terms if t not in group]
-    steady = _steady(mismatch, fit(mismatch, flat, [*rest, one]).amplitudes[-1] @ one.columns(mismatch.states))
     for term, amplitudes in zip(terms, fit(mismatch, flat, terms).amplitudes, strict=True):
         alike = {term.mechanism.id, one.mechanism.id} <= _OF_TURNS
         if term not in group or term.name == "unknown" or alike:
@@ -190,24 +184,10 @@ def _misses(
         if not acts.any():
             continue
         none, left, whole = (float(np.mean(x[acts])) for x in squares)
-        if not _lacks_little(none, left, whole, _MISSED):
-            return True
-        there = acts & steady
-        if np.sum(there) > _OFTEN * np.sum(acts) and _clearly_more(mismatch, squares[1], squares[2], there):
+        worse = one.mechanism.id in CONSTANT and whole < (1 - _WORSE) ** 2 * left
+        if worse or not _lacks_little(none, left, whole, _MISSED):
             return True
     return False
-
-
-def _clearly_more(mismatch: Mismatch, left: Float1D, whole: Float1D, rows: Bool1D) -> bool:
-    """Whether the squares `left` are more than the squares `whole` in these rows, by more than chance and a little."""
-    more = float(np.mean(whole[rows])) < (1 - _LITTLE) ** 2 * float(np.mean(left[rows]))
-    return more and paired_p(left - whole, mismatch, rows) < SIGNIFICANT
-
-
-def _steady(mismatch: Mismatch, effect: Float1D) -> Bool1D:
-    """(n,) – rows around which an effect stays as it is."""
-    change = maximum_filter1d(effect, _AROUND) - minimum_filter1d(effect, _AROUND)
-    return change < _UNCHANGED * float(np.max(np.abs(effect[mismatch.usable]), initial=0.0))
 
 
 def _lacks_little(none: float, left: float, whole: float, share: float) -> bool:

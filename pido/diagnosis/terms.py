@@ -20,8 +20,6 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 from pido.physics.drive import answered_late
 
-_OF_A_BASE = 1e-3  # of the power of a term of the equation, by which it is drawn to zero
-
 
 @dataclass(frozen=True)
 class Term:
@@ -144,12 +142,9 @@ def bic(rss: float, n: int, free: int) -> float:
 
 def held_back(X: Float2D, base: int, terms: Sequence[Term], columns: Sequence[Float2D]) -> Float1D:
     """(len(X),) – what is added to the diagonal of X Xᵀ: a corner of a curve or surface that hardly any row
-    reaches is drawn to zero, and cannot take any height. Nor can terms of the equation that a few parts hardly tell
-    apart take large sizes against one another, which another part would show as an error of many times the current.
+    reaches is drawn to zero, and cannot take any height.
     """
     out = np.zeros(len(X))
-    if base > 1:
-        out[:base] = _OF_A_BASE * np.einsum("ij,ij->i", X[:base], X[:base])
     sizes = np.cumsum([base, *[len(c) for c in columns]])
     for term, (i, j) in zip(terms, itertools.pairwise(sizes), strict=True):
         if term.mechanism.held_back:

@@ -23,7 +23,6 @@ from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise, estimate_noise
 from pido.physics.drive import answered_late
 from pido.physics.friction import dahl_state
-from tests.diagnosis import to_and_fro
 from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
 from tests.diagnosis.planted import planted
 
@@ -438,10 +437,3 @@ def run_ups(size, rng):
 def test_the_run_ups_of_two_parts_are_enough_for_what_stands_far_above_the_noise(size, named):
     found = diagnose(list(run_ups(size, np.random.default_rng(2))))
     assert [(f.axis, f.mechanism) for f in found.findings] == named
-
-
-def test_a_law_that_acts_seldom_stays_beside_a_strong_one_that_is_steady_where_it_does():
-    mismatch, _ = to_and_fro.laid_out(lambda s: 0.3 * (s.v > 0) * s.moving + 8e-4 * s.a)
-    rng = np.random.default_rng(0)
-    answer = search(first_look(mismatch, rng), 1, False, rng)
-    assert sorted(t.name for t in answer.terms) == ["friction_asymmetry", "inertia"]

@@ -82,8 +82,9 @@ def test_what_is_farther_from_the_training_rows_than_anything_tried_is_not_judge
         np.full(len(strange.time), 10.0), strange.inputs,
     )  # fmt: skip
     verdict = judge(far, band)
-    assert verdict.good
+    assert not verdict.alarms
     assert verdict.judged == 0.0
+    assert not verdict.good
 
 
 def test_a_stream_with_states_sees_the_same_alarm_as_the_whole_part():
