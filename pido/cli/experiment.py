@@ -166,7 +166,7 @@ def _prove(
     from pido.reports.experiment import experiment_page
     from pido.reports.page import write_page
 
-    count = cases or (4 if quick else 300)
+    count = cases or (2 if quick else 300)
     run = {"experiment": name, "data": "sealed cases", "data_digest": "", "seed": seed}
     if name == "concealed":
         claim(folder, run | {"options": {"quick": quick, "cases": count}}, fresh=not resume)
