@@ -129,7 +129,9 @@ def held_out(
     """
     own = [t for t in kept if t not in without]
     events, fold = forces_among(own), fold_of(mismatch, own)
-    before, after = (cross_residual(mismatch, noise, t, fold) for t in (without, kept))
+    # Terms of the equation that the other folds hardly tell apart would take large sizes against one another, which the
+    # fold left out shows as an error of many times the current.
+    before, after = (cross_residual(mismatch, noise, t, fold, _OF_A_BASE) for t in (without, kept))
     rows = mismatch.usable
     b, a, current = before[rows], after[rows], recorded[rows]
     total = float(np.mean((current - current.mean()) ** 2)) or 1.0
@@ -163,11 +165,12 @@ def fold_of(mismatch: Mismatch, terms: Sequence[Term]) -> Int1D:
     return mismatch.block % 5 if forces_among(terms) else mismatch.fold
 
 
-def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold: Int1D | None = None) -> Float1D:
+def cross_residual(
+    mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold: Int1D | None = None, of_base: float = 0.0
+) -> Float1D:
     """(n,), A – residual of each fold under the amplitudes of the other folds.
 
-    Terms of the equation that those hardly tell apart do not take large sizes against one another, which the fold left
-    out would show as an error of many times the current.
+    of_base : of its power, by which each term of the equation is drawn to zero
     """
     columns = [t.columns(mismatch.states) for t in terms]
     design = np.concatenate([mismatch.base, *columns])
@@ -178,7 +181,7 @@ def cross_residual(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], fold
     fold = mismatch.fold if fold is None else fold
     drawn, base = held_back(X, len(mismatch.base), terms, columns), X[: len(mismatch.base)]
     if len(base) > 1:
-        drawn[: len(base)] += _OF_A_BASE * np.einsum("ij,ij->i", base, base)
+        drawn[: len(base)] += of_base * np.einsum("ij,ij->i", base, base)
     ridge = np.diag(drawn)
     members = [np.flatnonzero(fold == k) for k in np.unique(fold)]
     within = [(X[:, rows], y[rows]) for rows in members]

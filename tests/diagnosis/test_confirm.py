@@ -9,7 +9,7 @@ from scipy import stats
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.confirm import Whitened, even, half_widths, p_value, q_values, rms_held_out
+from pido.diagnosis.confirm import Whitened, even, half_widths, held_out, p_value, q_values
 from pido.diagnosis.estimate import estimate
 from pido.diagnosis.formulas import Formula, Surface
 from pido.diagnosis.misfit import useless
@@ -176,4 +176,5 @@ def test_terms_of_the_equation_that_some_parts_cannot_tell_apart_do_not_run_away
     laid_out = replace(
         mismatch, base=np.array([u, u + alike]), base_names=("u", "w"), target=u + rng.normal(0, 0.3, _ROWS)
     )
-    assert rms_held_out(laid_out, even(laid_out), []) == pytest.approx(0.3, rel=0.5)
+    proof = held_out(laid_out, even(laid_out), [], [], laid_out.target)
+    assert proof.rmse_before == pytest.approx(0.3, rel=0.5)
