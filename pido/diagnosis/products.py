@@ -9,14 +9,14 @@ Source: the size of whitened columns that are never formed, by random signs (Hut
 
 from __future__ import annotations
 
-import heapq
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.arms import Arm, arm_of
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import FORMS, Formula, formulas
@@ -55,14 +55,17 @@ def quick_laws(axis: str, known: Known, noise: Noise, residual: Float1D, seed: i
         return ((rows * (whitening.T @ whitened).astype(np.float32)) @ rows.T).astype(float)
 
     products = _Sketch(inner(whitening @ residual), np.array([inner(s) for s in signs]))
-    both = [(f, p) for f in offered if len(f.factors) > 1 for p in (f.factors, f.factors[::-1])]
-    found = [(gain, formula) for gain, formula in zip(products.gains(first, second), offered, strict=True)]
-    best: list[Formula | Arm] = [law for _, law in heapq.nlargest(_QUICK, found, key=lambda g: g[0])]
+    best = [offered[k] for k in _ranked(products.gains(first, second))[:_QUICK]]
+    both = [pair for f in offered if len(f.factors) > 1 for pair in (f.factors, f.factors[::-1])]
     at = {f: i for i, f in enumerate(factors)}
-    gains = products.gains_beside([at[u] for _, (u, _) in both], [at[w] for _, (_, w) in both])
-    arms = ((gain, arm_of(axis, known, u, w)) for gain, (_, (u, w)) in zip(gains, both, strict=True))
-    named = ((gain, arm) for gain, arm in arms if arm is not None)
-    return [*best, *(arm for _, arm in heapq.nlargest(_QUICK, named, key=lambda g: g[0]))]
+    ranked = _ranked(products.gains_beside([at[u] for u, _ in both], [at[w] for _, w in both]))
+    arms = (arm_of(axis, known, *both[k]) for k in ranked)
+    return [*best, *itertools.islice((arm for arm in arms if arm is not None), _QUICK)]
+
+
+def _ranked(gains: Float1D) -> Int1D:
+    """Places of the gains, the largest first; of equal ones the first."""
+    return np.argsort(-gains, kind="stable")
 
 
 @dataclass(frozen=True)
