@@ -88,7 +88,9 @@ def test_a_part_that_is_done_while_a_backup_is_made_gets_its_turn_after_a_restor
     place = Workspace.open(settings.workspace)
     delivered: set[str] = set()
     with working(place, tmp_path / "staging", delivered):
-        for number in range(8):
+        for number in range(60):
+            if number >= 8 and len(Ledger(place.ledger).parts(MACHINE)) > 8:
+                break
             again = Workspace.open(brought_back(settings, tmp_path / f"again{number}").workspace)
             ledger, store = Ledger(again.ledger), Store(again.store)
             done, stored = set(ledger.parts(MACHINE)), {entry.digest: entry for entry in store.entries()}
