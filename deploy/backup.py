@@ -16,8 +16,9 @@ from pathlib import Path
 
 from deploy import postgres
 from deploy.settings import PlantSettings
+from pido import departures
 from pido.core.errors import StoreError
-from pido.workspace import arrival_digest
+from pido.workspace import Workspace, arrival_digest
 
 _SQLITE = ("", "-wal", "-shm", "-journal")
 """Endings of the files of one database."""
@@ -82,7 +83,8 @@ def _snapshot(settings: PlantSettings, copy: Path, left_out: set[Path]) -> None:
     dumps = copy / "dumps"
     dumps.mkdir()
     postgres.dump(settings, dumps)
-    _copy_arrivals(place, there, done)
+    with departures.halted(Workspace.open(place)):  # between inbox and taken an arrival would be in neither
+        _copy_arrivals(place, there, done)
     left_out = left_out | {database.with_name(database.name + end) for database in databases for end in _SQLITE}
     left_out |= {folder / name for name in ("postgres", "logs")}
     left_out |= {place / name for name in ("registry", "inbox", "taken")}  # as above
@@ -91,10 +93,7 @@ def _snapshot(settings: PlantSettings, copy: Path, left_out: set[Path]) -> None:
 
 
 def _copy_arrivals(place: Path, there: Path, done: Container[str]) -> None:
-    """Inbox and taken arrivals. Of the latter, those that are not `done` by the ledger's copy go back to its inbox.
-
-    The inbox first: what leaves it meanwhile is met in `taken`.
-    """
+    """Inbox and taken arrivals. Of the latter, those that are not `done` by the ledger's copy go back to its inbox."""
     inbox = there / "inbox"
     inbox.mkdir()
     for arrival in _inside(place / "inbox"):

@@ -72,6 +72,13 @@ def bring_back(workspace: Workspace, inbox: Path) -> bool:
 
 
 @contextmanager
+def halted(workspace: Workspace) -> Iterator[None]:
+    """No arrival leaves the inbox while the block runs; whoever wants to put one away waits."""
+    with workspace.lock(_LOCK):
+        yield
+
+
+@contextmanager
 def _apart(workspace: Workspace, path: Path, key: str) -> Iterator[Path | None]:
     """The arrival `key` where nobody delivers to, or None. What is still there at the end has its name again."""
     with workspace.lock(_LOCK):
