@@ -37,7 +37,7 @@ class Unnamed(Mechanism):
     looked_at: ClassVar[int] = LOOKED_AT
 
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
-        """The shape a step away, `by` (2,) in natural units of each member; as it is where there is none."""
+        """The shape a step away, `by` (2,) or (3,) in natural units of each member; as it is where there is none."""
         return dict(shape)
 
     def variants(self) -> tuple[Unnamed, ...]:

@@ -25,6 +25,7 @@ from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.gates import Gate
+from pido.diagnosis.latched import Latched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -32,6 +33,7 @@ from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 from pido.diagnosis.tools import ByTool
+from pido.diagnosis.transients import Transient
 from pido.diagnosis.waves import Wave
 
 _GIVEN_BY = {
@@ -247,6 +249,10 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"beside": beside, "level": level}
         case Rested(axis=axis, unit=unit):
             own |= {"rested": axis, "unit": unit}
+        case Latched(signal=signal, unit=unit, even=even):
+            own |= {"latched": signal, "unit": unit, "even": even}
+        case Transient(signal=signal, unit=unit, side=side, even=even, level=level, rings=rings):
+            own |= {"after": signal, "unit": unit, "side": side, "even": even, "level": level, "ringing": rings}
         case Surface(variables=variables, knots=knots, split=split):
             own |= {"variables": list(variables), "knots": [list(k) for k in knots], "split": list(split)}
         case _:
@@ -320,6 +326,11 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Modulated(*said, level=str(own.get("level", "")))
     if "rested" in own:
         return Rested(str(own["rested"]), str(own["unit"]))
+    if "latched" in own:
+        return Latched(str(own["latched"]), str(own["unit"]), bool(own["even"]))
+    if "after" in own:
+        flags = (bool(own[flag]) for flag in ("even", "level", "ringing"))
+        return Transient(str(own["after"]), str(own["unit"]), str(own["side"]), *flags)
     if "heats" in own:  # a model of before
         form, loss, unit = (str(own.get(n, d)) for n, d in (("form", "u"), ("loss", "u²"), ("unit", "(A)·(A)^2")))
         return Modulated(str(own["heats"]), form, str(own["heats"]), loss, unit)

@@ -34,6 +34,7 @@ from pido.diagnosis.formulas import (
     surfaces,
 )
 from pido.diagnosis.identify import numbers
+from pido.diagnosis.latched import Latched, latched_terms
 from pido.diagnosis.late import SHORTEST_S, Fading, Late, Modulated, late_terms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -43,6 +44,7 @@ from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known, common_signals
 from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.tools import by_tool
+from pido.diagnosis.transients import Transient, transient_terms
 from pido.diagnosis.waves import waves
 from pido.diagnosis.whiten import Noise
 
@@ -70,8 +72,9 @@ _FINALISTS = 12
 _TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
-_REMEMBERS = (Ringing, Late, Rested)
-_SIMPLEX = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
+_REMEMBERS = (Ringing, Late, Rested, Transient, Latched)
+_FIRST_STEPS = (0.5, 0.4, 0.4)  # of the shape parameters
+_TRIALS = 20  # of a shape, per parameter
 
 
 def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -> tuple[list[Term], str | None]:
@@ -204,6 +207,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     quick = [Term(law).behind(library.lag) for law in quick_laws(mismatch.axis, whole, noise, residual)]
     late = [*ringing_terms(mismatch, residual, whole), *late_terms(mismatch, whole, few)]
     late += rested_terms(mismatch, few)
+    late += [t for look in (transient_terms, latched_terms) for t in look(mismatch, noise, residual, whole)]
     scores = [s for t in (*offered[:_FINALISTS], *quick, *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):
@@ -295,7 +299,9 @@ def tune(library: Library, current: Basis, score: Score) -> Score:
             best = found
         return current.rss if found is None else current.rss - found.gain
 
-    minimize(loss, np.zeros(2), method="Nelder-Mead", options={"maxfev": 40, "initial_simplex": _SIMPLEX})
+    steps = _FIRST_STEPS[: max(2, len(size))]
+    options = {"maxfev": _TRIALS * len(steps), "initial_simplex": np.r_[[np.zeros(len(steps))], np.diag(steps)]}
+    minimize(loss, np.zeros(len(steps)), method="Nelder-Mead", options=options)
     others = (library.score(replace(best.term, mechanism=other), current) for other in mechanism.variants())
     return min([best, *(tune(library, current, s) for s in others if s is not None)], key=lambda s: s.bic)
 

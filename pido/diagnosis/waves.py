@@ -117,7 +117,7 @@ def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
     """
     found = []
     found += _in_time(axis, known, few)
-    travels = [n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}")]
+    travels = [n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}", "removed")]
     for place in (*travels, *(n for n in (f"v_{axis}", *_times(axis)) if n in known)):
         s = known[place][0]
         numbers = _wave_numbers(place, s)
@@ -233,7 +233,9 @@ def _carriers(axis: str, known: Known, place: str) -> list[tuple[str, str]]:
     stands = speed in known and np.mean(known[speed][0] == 0) > _SOME_REST
     friction = ((f"held_{axis}", "u"), *([(speed, "sgn u")] if stands else []))
     own = (("", "u"), *friction) if place != f"pos_{axis}" else ()
-    loads = ((name, "u") for name in (speed, f"f_{axis}", f"I_{axis}", "M_sp"))
+    loads = [(name, "u") for name in (speed, f"f_{axis}", f"I_{axis}", "M_sp")]
+    # Along its own travel also by how large its load is, whichever way.
+    loads += [(f"I_{axis}", form) for form in ("|u|", "u²")] if place == f"pos_{axis}" else []
     return [(name, form) for name, form in (*own, *loads) if not name or name in known]
 
 
