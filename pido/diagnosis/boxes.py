@@ -96,6 +96,12 @@ class Lattice:
         counts = [[(i > 0) + (j < k - 1) for i, j in s] for k, s in zip(self.shape, self.spans, strict=True)]
         return np.asarray(sum(np.ix_(*counts)), np.float32).ravel()
 
+    def without(self, variable: str) -> Bool1D:
+        """(boxes,) – which do not limit this variable."""
+        sizes = zip(self.cuts, self.shape, self.spans, strict=True)
+        free = [[name != variable or (i == 0 and j == k - 1) for i, j in spans] for name, k, spans in sizes]
+        return np.asarray(np.logical_and.reduce(np.meshgrid(*free, indexing="ij"))).ravel()
+
     @cached_property
     def _inside(self) -> list[Float32]:
         """Per variable, (intervals, classes): 1 where a class lies in an interval."""
@@ -148,6 +154,10 @@ class Grid:
     def limits(self) -> Float32:
         """(boxes,) – how many limits each box has."""
         return np.concatenate([each.limits for each in self.lattices])
+
+    def without(self, variable: str) -> Bool1D:
+        """(boxes,) – which do not limit this variable."""
+        return np.concatenate([each.without(variable) for each in self.lattices])
 
     def sums(self, values: Float32) -> Float32:
         """(k, n) -> (k, boxes): sums over the rows of each box."""

@@ -261,7 +261,8 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
     everywhere = 0.0 if best is None else max(0.0, current.bic - best.bic)
     asked = max(LEAST_GAIN, CLEARLY + (1 + CONFINED) * everywhere)
-    confined = best_region(library, current, taken, asked)
+    # A law that acts in a box may act in another one, too.
+    confined = best_region(library, current, {t.name for t in terms if not t.gates}, asked)
     return confined if confined is not None and current.bic - confined.bic > asked else best
 
 

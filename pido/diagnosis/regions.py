@@ -117,6 +117,7 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> S
         (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
     else:
         gain = gains_together(fine, rows, current.residual32)
+    gain = _where_it_may(library, score.term, fine, gain)
     box = int(np.argmax(_worth(current, gain, _charge_of_limits(library, current, fine))))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
     return score if found is None else min(score, found, key=_price)
@@ -164,14 +165,14 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     assert library.noise is not None
     residual = current.residual32
     # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
-    # everywhere, too; within a box it is something that no mechanism of the catalogue says. And what differs between
-    # the directions of the axis is friction with a limit of its speed.
-    cut = {name for lattice in grid.lattices for name in lattice.cuts}
-    never = _REGIONS | ({"friction_asymmetry"} if f"v_{library.mismatch.axis}" in cut else set())
+    # everywhere, too; within a box it is something that no mechanism of the catalogue says.
     open_ = [
         (term, (i, j))
         for term, (i, j), varies in zip(library.terms, library.spans, library.varies, strict=True)
-        if term.name not in taken and term.mechanism.kind != "data_fault" and term.mechanism.id not in never and varies
+        if term.name not in taken
+        and term.mechanism.kind != "data_fault"
+        and term.mechanism.id not in _REGIONS
+        and varies
     ]
     singles = [(t, i) for t, (i, j) in open_ if j == i + 1]
     for k in range(0, len(singles), _CHUNK):
@@ -179,11 +180,12 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
         which = [i for _, i in some]
         rows = _of_themselves(library.noise, library.whitened[which], library.rows[which])
         signs = np.array([_sign(library, t) for t, _ in some])
-        yield from zip((t for t, _ in some), gains_of_each(grid, rows, residual, signs), strict=True)
+        gains = gains_of_each(grid, rows, residual, signs)
+        yield from ((t, _where_it_may(library, t, grid, gain)) for (t, _), gain in zip(some, gains, strict=True))
     for term, (i, j) in open_:
         if j > i + 1:
             rows = _of_themselves(library.noise, library.whitened[i:j], library.rows[i:j])
-            yield term, gains_together(grid, rows, residual)
+            yield term, _where_it_may(library, term, grid, gains_together(grid, rows, residual))
     if "unknown" not in taken:
         level = library.noise.whiten(np.ones((1, library.mismatch.n), np.float32))
         yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1))[0]
@@ -198,6 +200,18 @@ def _of_themselves(noise: Noise, whitened: Float32, plain: Float32) -> Float32:
         return whitened
     own = np.abs(plain) * (_BEFORE / (noise.level * noise.innovation)).astype(np.float32)
     return np.where(np.abs(whitened) <= own, whitened, np.float32(0))
+
+
+def _never_limits(library: Library, term: Term) -> str | None:
+    """The variable that never limits a term: what differs between the directions of an axis is, with a limit of its
+    speed, friction in one of them."""
+    return f"v_{library.mismatch.axis}" if term.mechanism.id == "friction_asymmetry" else None
+
+
+def _where_it_may(library: Library, term: Term, grid: Grid, gain: Float32) -> Float32:
+    """(boxes,) – what a term takes away, nothing where a box limits what never limits it."""
+    variable = _never_limits(library, term)
+    return gain if variable is None else np.where(grid.without(variable), gain, np.float32(0))
 
 
 def _sign(library: Library, term: Term) -> float:
@@ -236,7 +250,7 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
     while True:
         found = []
         for variable, at in space.places.items():
-            if variable == but:
+            if variable == but or variable == _never_limits(library, score.term):
                 continue
             own = [_limit(g) for g in score.term.gates if g.variable == variable]
             if variable in EITHER_WAY and not (own or (but and _may_limit(library, variable, score.term))):
