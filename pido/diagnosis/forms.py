@@ -272,23 +272,27 @@ def is_without_mean(term: Term) -> bool:
     return term.mechanism.id == "position_dependent_friction" and dict(term.shape)["form"] in (3, 4)
 
 
-# What a drift is where it does not drift, in the order of its choice `along`.
+# What a drift is where it does not drift, in the order of its choice `along`; and a wear, where it does not grow.
 _STEADY = (CONSTANT, ("coulomb_friction",), ("viscous_friction", "spindle_viscous_drag"))
+_UNWORN = ("cutting_force", "edge_force")
 
 
 def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
-    """`terms` with a steady load for one that drifts with the temperature, where nearly all that this removes is its
-    mean: a first order drift is a constant with three more numbers. Friction is never quite its law; a constant is.
+    """`terms` with a steady load for one that drifts with the temperature or grows with wear, where nearly all that it
+    removes is its mean: a first order drift is a constant with three more numbers. Friction is never quite its law; a
+    constant is.
     Where that steady load is among them already, what drifts in a box and adds little only mends its form there."""
-    at = next((i for i, t in enumerate(terms) if t.mechanism.id == "thermal_drift"), None)
+    at = next((i for i, t in enumerate(terms) if t.mechanism.id in ("thermal_drift", "tool_wear")), None)
     if at is None:
         return terms
-    along = round(dict(terms[at].shape)["along"])
-    lacks = MISFIT if along else MISFIT_PLAIN
+    wears = terms[at].mechanism.id == "tool_wear"
+    along = 0 if wears else round(dict(terms[at].shape)["along"])
+    lacks = MISFIT if along or wears else MISFIT_PLAIN
     rest = [t for k, t in enumerate(terms) if k != at]
     taken = {t.name for t in rest}
+    steady = _UNWORN if wears else _STEADY[along]
     for other in library.terms:
-        if other.mechanism.id not in _STEADY[along] or (other.name in taken and not terms[at].gates):
+        if other.mechanism.id not in steady or (other.name in taken and not terms[at].gates):
             continue
         if terms[at].gates and other.mechanism.id in CONSTANT:
             other = Term(LEVEL)  # what is constant in a box only is neither a weight nor a wrong zero
@@ -374,8 +378,9 @@ def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
 
 
 def _says_more(library: Library, terms: Sequence[Term], i: int, rival: Term) -> bool:
-    """Whether a rival takes more numbers to remove no more than what any textbook form lacks beside a term."""
-    if numbers([rival]) <= numbers([terms[i]]):
+    """Whether a rival takes more numbers, or wears, to remove no more than what any textbook form lacks beside a term."""
+    wears = rival.mechanism.id == "tool_wear" and terms[i].mechanism.id in _UNWORN
+    if numbers([rival]) <= numbers([terms[i]]) and not wears:
         return False
     rest = [t for k, t in enumerate(terms) if k != i]
     lacks = MISFIT_PLAIN if terms[i].mechanism.id in CONSTANT else MISFIT

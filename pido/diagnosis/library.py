@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.core.arrays import Array2D, Bool1D, Float1D, Float2D
 from pido.diagnosis.boxes import Space, space_of
 from pido.diagnosis.gates import inside
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -30,6 +30,7 @@ COLLINEAR = 1e-3  # share of a regressor's power that must be left once the term
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
 _FEW_ROWS = 100  # in either direction, below which the sign of a current is taken as it comes
 _CLEARLY_NEGATIVE = 0.2  # of the current's root mean square
+_BEFORE = 2.5  # times a row itself, in units of noise, that the whitened row may be
 _CHUNK = 64  # rows whitened at a time
 _REMEMBERED = 128  # terms, and gates, whose rows are kept at hand
 _FORBIDDEN_SE = 2.5  # standard errors by which an amplitude may lie outside its plausible range
@@ -109,12 +110,23 @@ class Library:
         assert self.noise is not None
         return self.noise.matrix()
 
+    @cached_property
+    def of_themselves(self) -> Array2D:
+        """The whitened rows without what came before them (see the function)."""
+        assert self.noise is not None
+        out = np.empty_like(self.rows)
+        for i in range(0, len(self.rows), _CHUNK):
+            some = slice(i, i + _CHUNK)
+            out[some] = of_themselves(self.noise, self.whitened[some], self.rows[some])
+        return out
+
     def whiten(self, noise: Noise) -> None:
         """From now on, under this noise."""
         if noise is self.noise:
             return
         self.noise = noise
-        self.__dict__.pop("whitening", None)
+        for remembered in ("whitening", "of_themselves"):
+            self.__dict__.pop(remembered, None)
         self.whitened = np.empty_like(self.rows)
         for i in range(0, len(self.rows), _CHUNK):
             self.whitened[i : i + _CHUNK] = noise.whiten(self.rows[i : i + _CHUNK])
@@ -306,3 +318,14 @@ def _or_zero(values: Float1D | None, like: Float1D) -> Float1D:
 
 def _idle(state: AxisState) -> Bool1D:
     return np.ones(len(state.time), bool) if state.engaged is None else ~state.engaged
+
+
+def of_themselves(noise: Noise, whitened: Array2D, plain: Array2D) -> Array2D:
+    """(k, n) – whitened rows without those that what came before outweighs.
+
+    After a rapid, its speed would speak in the box of the slow motion that follows, in which it has no part.
+    """
+    if len(noise.ar) == 0:
+        return whitened
+    own = np.abs(plain) * (_BEFORE / (noise.level * noise.innovation)).astype(np.float32)
+    return np.where(np.abs(whitened) <= own, whitened, np.float32(0))

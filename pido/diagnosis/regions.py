@@ -29,10 +29,9 @@ from pido.diagnosis.boxes import (
 )
 from pido.diagnosis.formulas import LEVEL
 from pido.diagnosis.gates import EITHER_WAY, Gate
-from pido.diagnosis.library import Basis, Library, Score
+from pido.diagnosis.library import Basis, Library, Score, of_themselves
 from pido.diagnosis.select import refine
 from pido.diagnosis.terms import Term
-from pido.diagnosis.whiten import Noise
 
 CLEARLY = 15.0  # BIC by which a box must beat the best mechanism that acts everywhere
 _LIMIT_WORTH = CLEARLY / 2  # BIC that each limit must bring
@@ -46,7 +45,6 @@ _REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where
 _OF_THE_CUT = frozenset({"force", "m_sp", "mrr", "engaged", "ar", "coolant"})  # fields of a state
 _NEAR_IT = 0.7  # of what is asked of a box, that it has to bring before its limits are known to the row
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
-_BEFORE = 2.5  # times a row itself, in units of noise, that the whitened row may be
 _CHUNK = 32  # terms looked at at a time
 
 
@@ -112,7 +110,7 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> S
     """The same term in the box of a fine grid in which it takes away most, all limits at once, if that is better."""
     assert library.noise is not None
     plain = library.columns(replace(score.term, gates=())).astype(np.float32)
-    rows = _of_themselves(library.noise, library.noise.whiten(plain), plain)
+    rows = of_themselves(library.noise, library.noise.whiten(plain), plain)
     if len(rows) == 1:
         (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
     else:
@@ -178,28 +176,17 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     for k in range(0, len(singles), _CHUNK):
         some = singles[k : k + _CHUNK]
         which = [i for _, i in some]
-        rows = _of_themselves(library.noise, library.whitened[which], library.rows[which])
+        rows = library.of_themselves[which]
         signs = np.array([_sign(library, t) for t, _ in some])
         gains = gains_of_each(grid, rows, residual, signs)
         yield from ((t, _where_it_may(library, t, grid, gain)) for (t, _), gain in zip(some, gains, strict=True))
     for term, (i, j) in open_:
         if j > i + 1:
-            rows = _of_themselves(library.noise, library.whitened[i:j], library.rows[i:j])
+            rows = library.of_themselves[i:j]
             yield term, _where_it_may(library, term, grid, gains_together(grid, rows, residual))
     if "unknown" not in taken:
         level = library.noise.whiten(np.ones((1, library.mismatch.n), np.float32))
         yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1))[0]
-
-
-def _of_themselves(noise: Noise, whitened: Float32, plain: Float32) -> Float32:
-    """(k, n) – whitened rows without those that what came before outweighs.
-
-    After a rapid, its speed would speak in the box of the slow motion that follows, in which it has no part.
-    """
-    if len(noise.ar) == 0:
-        return whitened
-    own = np.abs(plain) * (_BEFORE / (noise.level * noise.innovation)).astype(np.float32)
-    return np.where(np.abs(whitened) <= own, whitened, np.float32(0))
 
 
 def _never_limits(library: Library, term: Term) -> str | None:
