@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,12 +96,6 @@ class Lattice:
         counts = [[(i > 0) + (j < k - 1) for i, j in s] for k, s in zip(self.shape, self.spans, strict=True)]
         return np.asarray(sum(np.ix_(*counts)), np.float32).ravel()
 
-    def without(self, variable: str) -> Bool1D:
-        """(boxes,) – which do not limit this variable."""
-        sizes = zip(self.cuts, self.shape, self.spans, strict=True)
-        free = [[name != variable or (i == 0 and j == k - 1) for i, j in spans] for name, k, spans in sizes]
-        return np.asarray(np.logical_and.reduce(np.meshgrid(*free, indexing="ij"))).ravel()
-
     @cached_property
     def _inside(self) -> list[Float32]:
         """Per variable, (intervals, classes): 1 where a class lies in an interval."""
@@ -155,9 +149,11 @@ class Grid:
         """(boxes,) – how many limits each box has."""
         return np.concatenate([each.limits for each in self.lattices])
 
-    def without(self, variable: str) -> Bool1D:
-        """(boxes,) – which do not limit this variable."""
-        return np.concatenate([each.without(variable) for each in self.lattices])
+    def without(self, variable: str) -> tuple[Grid, Bool1D]:
+        """The lattices that do not cut this variable, and which boxes are theirs, (boxes,)."""
+        free = [variable not in each.cuts for each in self.lattices]
+        lattices = tuple(itertools.compress(self.lattices, free))
+        return replace(self, lattices=lattices), np.repeat(free, [len(each.limits) for each in self.lattices])
 
     def sums(self, values: Float32) -> Float32:
         """(k, n) -> (k, boxes): sums over the rows of each box."""

@@ -378,7 +378,7 @@ def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
 
 
 def _says_more(library: Library, terms: Sequence[Term], i: int, rival: Term) -> bool:
-    """Whether a rival takes more numbers, or wears, to remove no more than what any textbook form lacks beside a term."""
+    """Whether a rival takes more numbers, or wears, and removes no more than any textbook form lacks beside a term."""
     wears = rival.mechanism.id == "tool_wear" and terms[i].mechanism.id in _UNWORN
     if numbers([rival]) <= numbers([terms[i]]) and not wears:
         return False

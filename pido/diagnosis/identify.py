@@ -8,6 +8,7 @@ Order of work: noise from a saturated fit; selection; noise again without what w
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -261,8 +262,9 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
     everywhere = 0.0 if best is None else max(0.0, current.bic - best.bic)
     asked = max(LEAST_GAIN, CLEARLY + (1 + CONFINED) * everywhere)
-    # A law that acts in a box may act in another one, too.
-    confined = best_region(library, current, {t.name for t in terms if not t.gates}, asked)
+    # A law that acts in a box may act in a second one.
+    twice = {name for name, count in Counter(t.name for t in terms).items() if count > 1}
+    confined = best_region(library, current, twice | {t.name for t in terms if not t.gates}, asked)
     return confined if confined is not None and current.bic - confined.bic > asked else best
 
 

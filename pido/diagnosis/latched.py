@@ -25,7 +25,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
-from pido.diagnosis.transients import Judge, felt_rows, levels_of, neighbours
+from pido.diagnosis.transients import WORTH, Judge, felt_rows, levels_of, neighbours
 from pido.diagnosis.whiten import Noise
 
 _STAYS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
@@ -100,10 +100,12 @@ def latched_terms(mismatch: Mismatch, noise: Noise, residual: Float1D, known: Kn
         u = law.place(known[law.signal][0])
         levels = levels_of(u)
         offered = [_best_level(u, levels, stays, felt, mismatch) for stays in _STAYS_S]
-        _, level, stays = max(offered)
+        most, level, stays = max(offered)
+        if most < WORTH:
+            continue
         finer = np.linspace(*neighbours(levels, level), _FINE)
         offered += [_best_level(u, finer, t, felt, mismatch) for t in stays * np.geomspace(0.5, 2.0, _FINE)]
-        terms = [Term(law, (("c", c), ("T", t))) for gain, c, t in sorted(offered)[-_CLOSER:] if gain > 0]
+        terms = [Term(law, (("c", c), ("T", t))) for gain, c, t in sorted(offered)[-_CLOSER:] if gain > WORTH]
         found += [judge.best(terms)] if terms else []
     return judge.ranked(found)[:_BEST]
 

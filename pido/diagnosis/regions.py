@@ -111,11 +111,7 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> S
     assert library.noise is not None
     plain = library.columns(replace(score.term, gates=())).astype(np.float32)
     rows = of_themselves(library.noise, library.noise.whiten(plain), plain)
-    if len(rows) == 1:
-        (gain,) = gains_of_each(fine, rows, current.residual32, np.array([_sign(library, score.term)]))
-    else:
-        gain = gains_together(fine, rows, current.residual32)
-    gain = _where_it_may(library, score.term, fine, gain)
+    gain = _gains(library, score.term, fine, rows, current.residual32)
     box = int(np.argmax(_worth(current, gain, _charge_of_limits(library, current, fine))))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
     return score if found is None else min(score, found, key=_price)
@@ -172,18 +168,16 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
         and term.mechanism.id not in _REGIONS
         and varies
     ]
-    singles = [(t, i) for t, (i, j) in open_ if j == i + 1]
+    singles = [(t, i) for t, (i, j) in open_ if j == i + 1 and _never_limits(library, t) is None]
     for k in range(0, len(singles), _CHUNK):
         some = singles[k : k + _CHUNK]
         which = [i for _, i in some]
         rows = library.of_themselves[which]
         signs = np.array([_sign(library, t) for t, _ in some])
-        gains = gains_of_each(grid, rows, residual, signs)
-        yield from ((t, _where_it_may(library, t, grid, gain)) for (t, _), gain in zip(some, gains, strict=True))
+        yield from zip((t for t, _ in some), gains_of_each(grid, rows, residual, signs), strict=True)
     for term, (i, j) in open_:
-        if j > i + 1:
-            rows = library.of_themselves[i:j]
-            yield term, _where_it_may(library, term, grid, gains_together(grid, rows, residual))
+        if j > i + 1 or _never_limits(library, term) is not None:
+            yield term, _gains(library, term, grid, library.of_themselves[i:j], residual)
     if "unknown" not in taken:
         level = library.noise.whiten(np.ones((1, library.mismatch.n), np.float32))
         yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1))[0]
@@ -195,10 +189,19 @@ def _never_limits(library: Library, term: Term) -> str | None:
     return f"v_{library.mismatch.axis}" if term.mechanism.id == "friction_asymmetry" else None
 
 
-def _where_it_may(library: Library, term: Term, grid: Grid, gain: Float32) -> Float32:
-    """(boxes,) – what a term takes away, nothing where a box limits what never limits it."""
+def _gains(library: Library, term: Term, grid: Grid, rows: Float32, residual: Float32) -> Float32:
+    """(boxes,) – what the rows of a term, whitened, take away; nothing where a box limits what never limits it."""
     variable = _never_limits(library, term)
-    return gain if variable is None else np.where(grid.without(variable), gain, np.float32(0))
+    own, theirs = (grid, None) if variable is None else grid.without(variable)
+    if len(rows) == 1 and own.lattices:
+        (gain,) = gains_of_each(own, rows, residual, np.array([_sign(library, term)]))
+    else:
+        gain = gains_together(own, rows, residual) if own.lattices else np.zeros(0, np.float32)
+    if theirs is None:
+        return gain
+    out = np.zeros(len(theirs), np.float32)
+    out[theirs] = gain
+    return out
 
 
 def _sign(library: Library, term: Term) -> float:

@@ -37,7 +37,7 @@ _EVENTS = {  # quantities that are zero while nothing is the matter; {} is the a
     "coolant": ("the coolant is switched on", "the coolant is switched off"),
 }
 _FADES_S = (0.03, 0.1, 0.3, 1.0, 3.0)
-_SLOWEST_HZ, _FASTEST_HZ, _TONES = 0.3, 30.0, 24
+_SLOWEST_HZ, _FASTEST_HZ, _TONES = 0.3, 30.0, 18
 _FASTEST = 0.2  # of the sampling rate
 _DAMPING = 0.1  # of what is looked at first
 _MOST_DAMPED = 0.4
@@ -46,6 +46,7 @@ _LEVELS = 60  # evenly over a quantity, and as many by how often it is there
 _FINE = 7  # levels between those, once one of them is the best
 _FEWEST_EVENTS = 4  # at a level
 _MOST_EVENTS = 0.01  # of the rows: what crosses a level more often stays at it
+WORTH = 15.0  # of 2 log likelihood: what takes less away pays for no number
 _LIKELY = 12  # laws, by random signs
 _CLOSER = 6  # shapes of each that are looked at more closely
 _PER_SHAPE = 3  # levels
@@ -168,9 +169,10 @@ def transient_terms(mismatch: Mismatch, noise: Noise, residual: Float1D, known: 
             for side, best in source.best(answers).items():
                 law = replace(source.law, side=side, rings="f" in shape)
                 offered.setdefault(law, []).extend((gain, _term(law, level, shape)) for gain, level in best)
-    # Random signs tell sizes to a third: the best of many is one whose size they have told too small.
+    most = {law: max(gain for gain, _ in each) for law, each in offered.items()}
+    likely = sorted((law for law in most if most[law] > WORTH), key=lambda law: -most[law])[:_LIKELY]
+    # Random signs tell sizes roughly: the best of many is one whose size they have told too small.
     judge = Judge(mismatch, noise, residual)
-    likely = sorted(offered, key=lambda law: -max(gain for gain, _ in offered[law]))[:_LIKELY]
     best = [judge.best([t for _, t in sorted(offered[law], key=lambda e: -e[0])[:_CLOSER]]) for law in likely]
     grids = {source.law.signal: source.levels for source in sources}
     return [judge.best(_around(term, grids)) for term in judge.ranked(best)[:_BEST]]
