@@ -31,7 +31,6 @@ _SLOW_TIMES_S = (30.0, 100.0, 300.0)
 _HEAT_S = (1.0, 3.0, 10.0, *_SLOW_TIMES_S)
 _LONGEST_S = 30.0  # what comes later still is drift
 _BEST_TIMES = 2  # of every law, by the averages
-_CLEAR = 30.0  # BIC, by which one time is worse than another by the averages and is not looked at
 _ELSE_ZERO = {"": "", "moving": ", 0 at standstill", "cutting": ", 0 in the air"}
 _MODULATED = 40  # of these, the best by the averages
 
@@ -221,9 +220,8 @@ def late_terms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
             if (name, form, tau) not in late:
                 late[name, form, tau] = _late_in_parts(FORMS[form](known[name][0]), mismatch, tau)[few.rows]
             prices[tau] = price(law.over(values, late[name, form, tau]), few)
-        near = [tau for tau in times if prices[tau] < min(prices.values()) + _CLEAR]
         return [
-            (prices[tau], Term(law, (("tau", tau),))) for tau in sorted(near, key=prices.__getitem__)[:_BEST_TIMES]
+            (prices[tau], Term(law, (("tau", tau),))) for tau in sorted(times, key=prices.__getitem__)[:_BEST_TIMES]
         ]
 
     plain = [term for law in _laws(mismatch, known) for _, term in best(law, _TIMES_S)]

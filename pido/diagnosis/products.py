@@ -24,7 +24,7 @@ from pido.diagnosis.signals import Known
 from pido.diagnosis.whiten import Noise
 
 _QUICK = 12  # formulas, and arms, that are looked at more closely
-_SIGNS = 8  # random columns of signs: sizes come out to a half, which is enough to rank by
+_SIGNS = 16  # random columns of signs: sizes come out to a third, which is enough to rank by
 _LEAST = 1e-6  # of the usual size of a column: a smaller one is zero nearly everywhere
 
 _APART = 1e-3  # of the size of a product, that its first factor leaves: what is less is that factor again
