@@ -135,6 +135,24 @@ def test_a_law_confined_by_speed_without_a_sign_is_one_law_with_that_limit(name)
     assert {g.variable for g in term.gates} == variables
 
 
+def test_what_differs_by_direction_below_a_speed_of_the_path_is_one_asymmetry_there():
+    answer, _ = answer_of(lambda s: 0.08 * (s.v > 0) * (np.hypot(s.v, other(s)) < 15.0), 6, 25.0, 0.5)
+    (term,) = answer.terms
+    assert term.mechanism.id == "friction_asymmetry"
+    assert {g.variable for g in term.gates} == {"path speed"}
+
+
+def test_a_law_that_acts_in_two_boxes_is_found_in_both():
+    def there(s):
+        return (other(s) > 9.0) | ((other(s) < -4.0) & (other(s) > -9.0))
+
+    answer, mismatch = answer_of(lambda s: 0.12 * np.sign(s.v) * there(s), 6, 25.0, 0.5, seconds=120.0)
+    assert [t.mechanism.id for t in answer.terms] == ["coulomb_friction"] * 2
+    truly = np.concatenate([there(s) for s in mismatch.states])
+    said = np.concatenate([sum(inside(s, t.gates) > 0 for t in answer.terms) for s in mismatch.states])
+    assert np.mean(truly == said) > 0.9
+
+
 RARE = {
     "cutting_force": (lambda s: 0.0006 * s.force, lambda s: (s.v < -8.0) & (other(s) > 8.0)),
     "viscous_friction": (lambda s: 0.0056 * s.v, lambda s: (s.v > 8.0) & (other(s) > 8.0)),

@@ -24,7 +24,7 @@ from pido.diagnosis.whiten import Noise, estimate_noise
 from pido.physics.drive import answered_late
 from pido.physics.friction import dahl_state
 from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
-from tests.diagnosis.planted import planted
+from tests.diagnosis.planted import part, planted
 
 
 def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
@@ -174,6 +174,22 @@ def test_a_law_gives_way_to_one_with_more_numbers_only_where_this_removes_more()
     library = Library(mismatch, [drag, drift])
     library.whiten(noise)
     assert [t.name for t in likelier(library, noise, [drag])] == ["spindle_viscous_drag"]
+
+
+@pytest.mark.parametrize(("since", "name"), [(3600.0, "cutting_force"), (0.0, "tool_wear")])
+def test_a_cutting_load_that_hardly_grows_is_no_wear(since, name):
+    cut = {"engaged": np.ones(3000, bool), "force": 100.0 * np.sin(0.3 * np.arange(3000))}
+    states = [replace(s, **cut, cut_time=since + s.time) for s in axis_states([part(0), part(1)], "x")]
+    rng = np.random.default_rng(3)
+    wear = Term(BY_ID["tool_wear"], (("by", 1.0), ("of", 0.0)))
+    effects = [wear.of_part(s)[0] for s in states]
+    size = 0.1 / np.std(np.concatenate(effects))
+    mismatch = lay_out(states, [size * e + rng.normal(0, NOISE, len(e)) for e in effects])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    library = Library(mismatch, [wear, Term(BY_ID["cutting_force"])])
+    library.whiten(noise)
+    assert [t.name for t in plainest(library, noise, [wear])] == [name]
+    assert [t.name for t in likelier(library, noise, [Term(BY_ID["cutting_force"])])] == [name]
 
 
 def test_a_drift_that_drifts_stays_one():
