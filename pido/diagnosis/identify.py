@@ -262,10 +262,15 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     best = best_addition(library, current, taken, suggested(library, current, residual, taken))
     everywhere = 0.0 if best is None else max(0.0, current.bic - best.bic)
     asked = max(LEAST_GAIN, CLEARLY + (1 + CONFINED) * everywhere)
-    # A law that acts in a box may act in a second one.
-    twice = {name for name, count in Counter(t.name for t in terms).items() if count > 1}
-    confined = best_region(library, current, twice | {t.name for t in terms if not t.gates}, asked)
+    # A law that acts in a box may act in a second one; in two of its own axis' speed it would be another law of that.
+    count = Counter(t.name for t in terms if _is_elsewhere(t, library.mismatch.axis))
+    confined = best_region(library, current, {t.name for t in terms if count[t.name] != 1}, asked)
     return confined if confined is not None and current.bic - confined.bic > asked else best
+
+
+def _is_elsewhere(term: Term, axis: str) -> bool:
+    """Whether a term is confined by more than the speed of its own axis."""
+    return any(gate.variable.strip("|") != f"v_{axis}" for gate in term.gates)
 
 
 def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Score]:
