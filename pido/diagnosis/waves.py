@@ -1,5 +1,5 @@
-"""Loads and frictions that are periodic along a travel, of this axis or of another, over its speed, in time or since an
-event: a model without a name.
+"""Loads and frictions that are periodic along a travel, of this axis or of another, over its speed, with the volume
+removed, in time or since an event: a model without a name.
 
 In:  the residual of one axis as averages, and the quantities that could carry a wave.
 Out: `Wave` terms worth a closer look, their periods read from the residual itself.
