@@ -67,7 +67,7 @@ def bring_back(workspace: Workspace, inbox: Path) -> bool:
     """
     if not any(inbox.glob(f"{_APART}*")):
         return False
-    with workspace.lock(_LOCK):
+    with halted(workspace):
         return not all([_back(place) for place in inbox.glob(f"{_APART}*")])
 
 
@@ -81,7 +81,7 @@ def halted(workspace: Workspace) -> Iterator[None]:
 @contextmanager
 def _apart(workspace: Workspace, path: Path, key: str) -> Iterator[Path | None]:
     """The arrival `key` where nobody delivers to, or None. What is still there at the end has its name again."""
-    with workspace.lock(_LOCK):
+    with halted(workspace):
         # Looked at in its place first: a part that is just being delivered is not disturbed.
         if not _is(path, key):
             yield None
@@ -100,7 +100,7 @@ def _apart(workspace: Workspace, path: Path, key: str) -> Iterator[Path | None]:
 def _copied(workspace: Workspace, path: Path, key: str) -> Iterator[Path | None]:
     """A copy of the arrival `key`, or None."""
     place = workspace.work / "rejecting"
-    with workspace.lock(_LOCK):
+    with halted(workspace):
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir(parents=True)
         own = place / path.name

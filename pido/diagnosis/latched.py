@@ -25,8 +25,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
-from pido.diagnosis.transients import WORTH, Judge, felt_rows, levels_of, neighbours
-from pido.diagnosis.whiten import Noise
+from pido.diagnosis.transients import WORTH, Judge, levels_of, neighbours
 
 _STAYS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 _LEAST_SHARE = 0.01  # of the rows that it is on, and off
@@ -88,13 +87,12 @@ class Latched(Unnamed):
         return {"c": float(shape["c"] * far[0]), "T": float(shape["T"] * far[1])}
 
 
-def latched_terms(mismatch: Mismatch, noise: Noise, residual: Float1D, known: Known) -> list[Term]:
-    """What takes away most of the whitened rows of a residual, (n,) in A, the best of each quantity.
+def latched_terms(judge: Judge, known: Known) -> list[Term]:
+    """What takes away most of the whitened rows of a residual, the best of each quantity.
 
     known : `common_signals` of the mismatch
     """
-    felt = np.ascontiguousarray(felt_rows(noise, residual).T)
-    judge = Judge(mismatch, noise, residual)
+    mismatch, felt = judge.mismatch, np.ascontiguousarray(judge.felt.T)
     found = []
     for law in _laws(mismatch.axis, known):
         u = law.place(known[law.signal][0])
@@ -123,7 +121,7 @@ def _best_level(
 ) -> tuple[float, float, float]:
     """About what the best level takes away beside a constant, that level, and the time in s for which it stays on.
 
-    felt : (n, 1 + signs), as `felt_rows` has them
+    felt : (n, 1 + signs), as a `Judge` has them
     """
     half = round(stays / mismatch.step / 2)
     most = [

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -155,16 +156,16 @@ class Transient(Unnamed):
         return {**new, "f": float(shape["f"] * np.exp(2 * shape["zeta"] * far[0])), "zeta": zeta}
 
 
-def transient_terms(mismatch: Mismatch, noise: Noise, residual: Float1D, known: Known) -> list[Term]:
-    """The transients that take away most of the whitened rows of a residual, (n,) in A.
+def transient_terms(judge: Judge, known: Known) -> list[Term]:
+    """The transients that take away most of the whitened rows of a residual.
 
     known : `common_signals` of the mismatch
     """
+    mismatch = judge.mismatch
     sources = [_Source.of(law, known[law.signal][0], mismatch) for law in _laws(mismatch.axis, known)]
-    felt = felt_rows(noise, residual)
     offered: dict[Transient, list[tuple[float, Term]]] = {}
     for shape, pole in _kernels(mismatch.step):
-        answers = _answers(felt, pole, mismatch)
+        answers = _answers(judge.felt, pole, mismatch)
         for source in sources:
             for side, best in source.best(answers).items():
                 law = replace(source.law, side=side, rings="f" in shape)
@@ -172,7 +173,6 @@ def transient_terms(mismatch: Mismatch, noise: Noise, residual: Float1D, known: 
     most = {law: max(gain for gain, _ in each) for law, each in offered.items()}
     likely = sorted((law for law in most if most[law] > WORTH), key=lambda law: -most[law])[:_LIKELY]
     # Random signs tell sizes roughly: the best of many is one whose size they have told too small.
-    judge = Judge(mismatch, noise, residual)
     best = [judge.best([t for _, t in sorted(offered[law], key=lambda e: -e[0])[:_CLOSER]]) for law in likely]
     grids = {source.law.signal: source.levels for source in sources}
     return [judge.best(_around(term, grids)) for term in judge.ranked(best)[:_BEST]]
@@ -189,33 +189,37 @@ def _around(term: Term, grids: Mapping[str, Float1D]) -> list[Term]:
     ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judge:
-    """Tells what terms leave of the whitened rows of a residual, each by itself."""
+    """Tells what terms leave of the whitened rows of a residual, (n,) in A, each by itself."""
 
     mismatch: Mismatch
     noise: Noise
     residual: Float1D
 
+    @cached_property
+    def _wanted(self) -> Float1D:
+        """(n,) – the whitened residual."""
+        return self.noise.whiten(self.residual[None])[0]
+
+    @cached_property
+    def felt(self) -> Float2D:
+        """(1 + signs, n) – whose products with a column are those of that column, whitened, with the whitened
+        residual, and with random signs."""
+        whitening = self.noise.matrix()
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (_SIGNS, len(self.residual)))
+        return np.asarray((whitening.T @ np.column_stack([whitening @ self.residual, *signs])).T)
+
     def ranked(self, terms: Sequence[Term]) -> list[Term]:
         """The best first."""
-        wanted = self.noise.whiten(self.residual[None])[0]
         left = []
         for term in terms:
             columns = self.noise.whiten(term.columns(self.mismatch.states))
-            left.append(-(columns @ wanted) @ solve(columns, wanted)[0])
+            left.append(-(columns @ self._wanted) @ solve(columns, self._wanted)[0])
         return [terms[k] for k in np.argsort(left)]
 
     def best(self, terms: Sequence[Term]) -> Term:
         return self.ranked(terms)[0]
-
-
-def felt_rows(noise: Noise, residual: Float1D, seed: int = 0) -> Float2D:
-    """(1 + signs, n) – whose products with a column are those of that column, whitened, with the whitened residual,
-    and with random signs."""
-    whitening = noise.matrix()
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_SIGNS, len(residual)))
-    return np.asarray((whitening.T @ np.column_stack([whitening @ residual, *signs])).T)
 
 
 def _laws(axis: str, known: Known) -> Iterator[Transient]:

@@ -44,7 +44,7 @@ from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known, common_signals
 from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.tools import by_tool
-from pido.diagnosis.transients import Transient, transient_terms
+from pido.diagnosis.transients import Judge, Transient, transient_terms
 from pido.diagnosis.waves import waves
 from pido.diagnosis.whiten import Noise
 
@@ -207,7 +207,8 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     quick = [Term(law).behind(library.lag) for law in quick_laws(mismatch.axis, whole, noise, residual)]
     late = [*ringing_terms(mismatch, residual, whole), *late_terms(mismatch, whole, few)]
     late += rested_terms(mismatch, few)
-    late += [t for look in (transient_terms, latched_terms) for t in look(mismatch, noise, residual, whole)]
+    judge = Judge(mismatch, noise, residual)
+    late += [*transient_terms(judge, whole), *latched_terms(judge, whole)]
     scores = [s for t in (*offered[:_FINALISTS], *quick, *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from pido.diagnosis.latched import Latched
-from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Term
 from pido.diagnosis.transients import Transient
 from pido.diagnosis.waves import Wave
-from tests.diagnosis.planted import NOISE, found_in, part
+from tests.diagnosis.planted import found_in, part
 
 
 def crossings(above):
@@ -78,26 +76,6 @@ def test_what_comes_again_with_the_volume_removed():
     assert isinstance(term.mechanism, Wave)
     assert (term.mechanism.place, term.mechanism.signal) == ("removed", "v_x")
     assert dict(term.shape)["L"] == pytest.approx(13.0, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    "term",
-    [
-        Term(Transient("t_go_x", "s", "down"), (("tau", 0.3),)),
-        Term(
-            Transient("v_x", "mm/s", "both", even=True, level=True, rings=True), (("c", 5.0), ("f", 3.0), ("zeta", 0.1))
-        ),
-        Term(Latched("v_x", "mm/s", even=True), (("c", 5.0), ("T", 0.3))),
-    ],
-)
-def test_a_model_of_an_event_comes_back_from_its_file(term):
-    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2])[: len(term.mechanism.amplitudes)],))
-    (state,) = axis_states([part(0)], "x")
-    again = axis_models(as_json({"x": model}))["x"]
-    assert again.terms == model.terms
-    expected = model.effect(np.zeros(len(state.time)), part(0), state)
-    assert again.effect(np.zeros(len(state.time)), part(0), state) == pytest.approx(expected)
-    assert np.std(expected) > 0
 
 
 def test_a_transient_counts_from_its_last_event_on_its_side():

@@ -9,6 +9,7 @@ from scipy import signal
 from pido.diagnosis.arms import Arm
 from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.estimate import estimate, settle_shapes
+from pido.diagnosis.latched import Latched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -17,6 +18,7 @@ from pido.diagnosis.models import AxisModel, as_json, axis_models
 from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
+from pido.diagnosis.transients import Transient
 from pido.diagnosis.unnamed import is_known, with_unknown
 from pido.diagnosis.waves import Wave
 from tests.diagnosis.planted import NOISE, STEP, found_in, part, planted, white
@@ -162,6 +164,11 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
         Term(Wave("v_x", "mm/s", "", "–"), (("L", 3.0),)),
         Term(Rested("x", "s"), (("tau", 2.0), ("L", 0.7))),
         Term(Arm("pos_x", "v_y", "mm/s")),
+        Term(Transient("t_go_x", "s", "down"), (("tau", 0.3),)),
+        Term(
+            Transient("v_x", "mm/s", "both", even=True, level=True, rings=True), (("c", 5.0), ("f", 3.0), ("zeta", 0.1))
+        ),
+        Term(Latched("v_x", "mm/s", even=True), (("c", 5.0), ("T", 0.3))),
     ],
 )
 def test_a_model_that_remembers_comes_back_from_its_file(term):
