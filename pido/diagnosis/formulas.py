@@ -124,7 +124,7 @@ class Peak(Unnamed):
 
     @property
     def _written(self) -> str:
-        return f"|{self.signal}|" if self.even or self.odd else self.signal
+        return written(self.signal, side_of(self.even or self.odd))
 
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -138,7 +138,7 @@ class Peak(Unnamed):
 
     def place(self, u: Float1D) -> Float1D:
         """(n,) – where values of the signal lie beside its peak."""
-        return np.abs(u) if self.even or self.odd else u
+        return FORMS[side_of(self.even or self.odd)](u)
 
     def side(self, u: Float1D) -> Float1D:
         """(n,) – the sign that the peak has there."""
@@ -361,6 +361,11 @@ def ampere_per(unit: str) -> str:
     """
     one = unit.startswith("(") and unit.index(")") == len(unit) - 1
     return "A" if unit == "–" else f"A/{unit}" if one else f"A/({unit})"
+
+
+def side_of(both: bool) -> str:
+    """The form of a signal whose level counts on both sides of zero, or on one."""
+    return "|u|" if both else "u"
 
 
 def written(signal: str, form: str) -> str:

@@ -19,13 +19,14 @@ from scipy.sparse import csr_array
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import AXES
-from pido.diagnosis.formulas import Unnamed
+from pido.diagnosis.formulas import FORMS, Unnamed, side_of, written
+from pido.diagnosis.judge import WORTH, Judge
+from pido.diagnosis.levels import levels_of, neighbours
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
-from pido.diagnosis.transients import WORTH, Judge, levels_of, neighbours
 
 _STAYS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 _LEAST_SHARE = 0.01  # of the rows that it is on, and off
@@ -58,7 +59,7 @@ class Latched(Unnamed):
 
     @property
     def _written(self) -> str:
-        return f"|{self.signal}|" if self.even else self.signal
+        return written(self.signal, side_of(self.even))
 
     @property
     def equation(self) -> str:  # type: ignore[override]
@@ -75,7 +76,7 @@ class Latched(Unnamed):
 
     def place(self, u: Float1D) -> Float1D:
         """(n,) – where values of the signal lie beside the level."""
-        return np.abs(u) if self.even else u
+        return FORMS[side_of(self.even)](u)
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         far = (0.1 if name == "c" else 0.3) * abs(shape[name])

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -21,13 +20,14 @@ from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.core.axes import AXES
-from pido.diagnosis.formulas import Unnamed
+from pido.diagnosis.formulas import FORMS, Unnamed, side_of, written
+from pido.diagnosis.judge import WORTH, Judge
+from pido.diagnosis.levels import levels_of, neighbours
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.terms import Term, solve
-from pido.diagnosis.whiten import Noise
+from pido.diagnosis.terms import Term
 
 SIDES = {"up": (1.0, 0.0), "down": (0.0, 1.0), "both": (1.0, -1.0)}
 """What an event counts whose quantity rises above the level, and one whose quantity falls below it."""
@@ -42,12 +42,9 @@ _SLOWEST_HZ, _FASTEST_HZ, _TONES = 0.3, 30.0, 18
 _FASTEST = 0.2  # of the sampling rate
 _DAMPING = 0.1  # of what is looked at first
 _MOST_DAMPED = 0.4
-_SIGNS = 6  # random columns of signs
-_LEVELS = 60  # evenly over a quantity, and as many by how often it is there
 _FINE = 7  # levels between those, once one of them is the best
 _FEWEST_EVENTS = 4  # at a level
 _MOST_EVENTS = 0.01  # of the rows: what crosses a level more often stays at it
-WORTH = 15.0  # of 2 log likelihood: what takes less away pays for no number
 _LIKELY = 12  # laws, by random signs
 _CLOSER = 6  # shapes of each that are looked at more closely
 _PER_SHAPE = 3  # levels
@@ -110,7 +107,7 @@ class Transient(Unnamed):
             if not self.level and self.signal.startswith(head):
                 up, down = (s.replace("{}", self.signal.removeprefix(head)) for s in said)
                 return up, down
-        u = f"|{self.signal}|" if self.even else self.signal
+        u = written(self.signal, side_of(self.even))
         return f"{u} rises above {level}", f"{u} falls below {level}"
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
@@ -137,7 +134,7 @@ class Transient(Unnamed):
         """(n,) – where values of the signal lie beside the level."""
         if not self.level and self.signal.startswith("t_"):
             return np.maximum(u, np.r_[u[1:], u[-1:]])  # a time since an event is zero in the first row of it
-        return np.abs(u) if self.even else u
+        return FORMS[side_of(self.even)](u)
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         if name == "c":
@@ -187,39 +184,6 @@ def _around(term: Term, grids: Mapping[str, Float1D]) -> list[Term]:
         term,
         *(term.with_shape(c=float(c)) for c in np.linspace(*neighbours(grids[law.signal], shape["c"]), _FINE)),
     ]
-
-
-@dataclass(frozen=True, eq=False)
-class Judge:
-    """Tells what terms leave of the whitened rows of a residual, (n,) in A, each by itself."""
-
-    mismatch: Mismatch
-    noise: Noise
-    residual: Float1D
-
-    @cached_property
-    def _wanted(self) -> Float1D:
-        """(n,) – the whitened residual."""
-        return self.noise.whiten(self.residual[None])[0]
-
-    @cached_property
-    def felt(self) -> Float2D:
-        """(1 + signs, n) – whose products with a column are those of that column, whitened, with the whitened
-        residual, and with random signs."""
-        whitening = self.noise.matrix()
-        signs = np.random.default_rng(0).choice([-1.0, 1.0], (_SIGNS, len(self.residual)))
-        return np.asarray((whitening.T @ np.column_stack([whitening @ self.residual, *signs])).T)
-
-    def ranked(self, terms: Sequence[Term]) -> list[Term]:
-        """The best first."""
-        left = []
-        for term in terms:
-            columns = self.noise.whiten(term.columns(self.mismatch.states))
-            left.append(-(columns @ self._wanted) @ solve(columns, self._wanted)[0])
-        return [terms[k] for k in np.argsort(left)]
-
-    def best(self, terms: Sequence[Term]) -> Term:
-        return self.ranked(terms)[0]
 
 
 def _laws(axis: str, known: Known) -> Iterator[Transient]:
@@ -315,18 +279,6 @@ class _Source:
             gains = np.einsum("il,ij,jl->l", towards, np.linalg.inv(size), towards) / count
             found[side] = [(float(gains[k]), float(self.levels[k])) for k in np.argsort(-gains)[:_PER_SHAPE]]
         return found
-
-
-def levels_of(u: Float1D) -> Float1D:
-    """Levels of a quantity, evenly between its ends and by how often it is there."""
-    low, high = np.quantile(u, [0.005, 0.995])
-    return np.unique(np.r_[np.linspace(low, high, _LEVELS), np.quantile(u, np.linspace(0.02, 0.98, _LEVELS))])
-
-
-def neighbours(levels: Float1D, level: float) -> tuple[float, float]:
-    """The levels before and after one of them."""
-    at = int(np.searchsorted(levels, level))
-    return float(levels[max(at - 1, 0)]), float(levels[min(at + 1, len(levels) - 1)])
 
 
 def _met(levels: Float1D, below: Float1D, above: Float1D, together: Bool1D, n: int) -> csr_array:

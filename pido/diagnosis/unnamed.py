@@ -34,6 +34,7 @@ from pido.diagnosis.formulas import (
     surfaces,
 )
 from pido.diagnosis.identify import numbers
+from pido.diagnosis.judge import Judge
 from pido.diagnosis.latched import Latched, latched_terms
 from pido.diagnosis.late import SHORTEST_S, Fading, Late, Modulated, late_terms
 from pido.diagnosis.library import Basis, Library, Score, basis
@@ -44,7 +45,7 @@ from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known, common_signals
 from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.tools import by_tool
-from pido.diagnosis.transients import Judge, Transient, transient_terms
+from pido.diagnosis.transients import Transient, transient_terms
 from pido.diagnosis.waves import waves
 from pido.diagnosis.whiten import Noise
 
