@@ -2,7 +2,7 @@
 time takes back, and what acts in proportion to how a quantity has been lately, as a motor that its losses warm.
 
 In:  the residual of one axis as averages, and the quantities that could drive it.
-Out: `Lagged`, `Fading` and `Modulated` terms worth a closer look.
+Out: `Lagged`, `Fading`, `Modulated` and `Warped` terms worth a closer look.
 """
 
 from __future__ import annotations
@@ -203,6 +203,52 @@ class Modulated(Late):
         return f"in proportion to {u}, changing with what {self.cause} was in the last {tau}", ()
 
 
+@dataclass(frozen=True)
+class Warped(Late):
+    """What is in proportion to a place, and more or less of it with how a cause has been lately:
+    dI = k_0 + k_1 * s + (k_2 + k_3 * s) * q(w) / (1 + tau s).
+
+    A screw that warms by its own motion grows from its fixed end; what makes up for that does the same.
+    length, unit : those of s and q(w)
+    """
+
+    place: str  # s
+    length: str
+    cause: str  # w
+    loss: str  # q
+    unit: str
+
+    @property
+    def driver(self) -> tuple[str, str]:
+        return self.cause, self.loss
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.place, self.cause})
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        units = ("A", f"A/{self.length}", ampere_per(self.unit), f"A/({self.unit})/{self.length}")
+        return tuple(Parameter(f"k_{i}", unit) for i, unit in enumerate(units))
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        late = f"{written(self.cause, self.loss)} / (1 + tau s)"
+        return f"dI = k_0 + k_1 * {self.place} + (k_2 + k_3 * {self.place}) * ({late})"
+
+    def variants(self) -> tuple[Unnamed, ...]:
+        """What is alike everywhere."""
+        return (Lagged(self.cause, self.loss, self.unit, level=True),)
+
+    def over(self, known: Values, late: Float1D) -> Float2D:
+        place, one = known[self.place], np.ones(len(late))
+        return np.column_stack([one, place, late, place * late])
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        lately = f"changing with what {self.cause} was in the last {shape['tau']:.3g} s"
+        return f"in proportion to how far from somewhere {self.place} is, {lately}", ()
+
+
 def late_terms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
     """Every law that acts late, and the best of those that are modulated, each with its best times of those tried.
 
@@ -227,6 +273,7 @@ def late_terms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
     plain = [term for law in _laws(mismatch, known) for _, term in best(law, _TIMES_S)]
     usual = (*_TIMES_S, *_SLOW_TIMES_S)
     every = [e for law in _modulated(mismatch.axis, known) for e in best(law, _HEAT_S if law.level else usual)]
+    every += [e for law in _warped(mismatch.axis, known) for e in best(law, _HEAT_S)]
     return [*plain, *(term for _, term in sorted(every, key=lambda each: each[0])[:_MODULATED])]
 
 
@@ -258,6 +305,14 @@ def _modulated(axis: str, known: Known) -> Iterator[Modulated]:
         # A friction or a torque constant, which heat changes: heat knows no sign.
         if form != "|u|" and (loss != "u" or known[cause][0].min() >= 0):
             yield Modulated(name, form, cause, loss, both, level=unit_of([of_own]))
+
+
+def _warped(axis: str, known: Known) -> Iterator[Warped]:
+    place = f"pos_{axis}"
+    if place in known and axis != "sp":
+        for cause, loss in _causes(known, axis):
+            if loss != "u" or known[cause][0].min() >= 0:
+                yield Warped(place, known[place][1], cause, loss, unit_of([(known[cause][1], loss)]))
 
 
 def _causes(known: Known, axis: str) -> Iterator[tuple[str, str]]:

@@ -20,13 +20,13 @@ from pido.core.recording import Recording
 from pido.diagnosis.arms import Arm, Eased
 from pido.diagnosis.baseline import equation_names, equation_rows
 from pido.diagnosis.bends import Bend
-from pido.diagnosis.dynamics import Ringing
+from pido.diagnosis.dynamics import Ringing, RingingAlong
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.latched import Latched
-from pido.diagnosis.late import Fading, Lagged, Modulated
+from pido.diagnosis.late import Fading, Lagged, Modulated, Warped
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.rested import Rested
@@ -238,6 +238,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
             own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
             own |= {"form": form}
+        case RingingAlong(signal=signal, unit=unit, place=place, length=length, middle=middle, reach=reach):
+            own |= {"rings": signal, "unit": unit, "along": place, "length": length, "middle": middle, "reach": reach}
         case Ringing(signal=signal, unit=unit):
             own |= {"rings": signal, "unit": unit}
         case Lagged(signal=signal, form=form, unit=unit, by_cut=by_cut, level=level):
@@ -247,6 +249,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
         case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside, level=level):
             own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit}
             own |= {"beside": beside, "level": level}
+        case Warped(place=place, length=length, cause=cause, loss=loss, unit=unit):
+            own |= {"warps": place, "length": length, "cause": cause, "loss": loss, "unit": unit}
         case Rested(axis=axis, unit=unit):
             own |= {"rested": axis, "unit": unit}
         case Latched(signal=signal, unit=unit, even=even):
@@ -314,7 +318,10 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         seen = (float(own["seen"][0]), float(own["seen"][1]))
         return Bend(str(own["bends"]), seen, str(own.get("turns", "")))  # models of before do not turn
     if "rings" in own:
-        return Ringing(str(own["rings"]), str(own["unit"]))
+        said = (str(own["rings"]), str(own["unit"]))
+        if "along" not in own:
+            return Ringing(*said)
+        return RingingAlong(*said, str(own["along"]), str(own["length"]), float(own["middle"]), float(own["reach"]))
     if "lags" in own:
         level = bool(own.get("level"))  # models of before do not have
         return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]), level)
@@ -324,6 +331,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "modulates" in own:
         said = (str(own[n]) for n in ("modulates", "form", "cause", "loss", "unit", "beside"))
         return Modulated(*said, level=str(own.get("level", "")))
+    if "warps" in own:
+        return Warped(*(str(own[n]) for n in ("warps", "length", "cause", "loss", "unit")))
     if "rested" in own:
         return Rested(str(own["rested"]), str(own["unit"]))
     if "latched" in own:

@@ -53,6 +53,7 @@ _ELSEWHERE = 0.02  # of an axis' travel, by which parts begin at different place
 def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
     """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`.
 
+    Whether another axis moves, and where to it did so last, tells when something happens: both only by their names.
     speeding, braking : 1 while the drive puts energy into the motion, while it takes it out; else 0
     A speed within the dead band of its axis is none: its sign is noise.
 
@@ -98,6 +99,9 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         if name != a:
             found[f"v_{name}"] = (partial(np.multiply, other.v, other.moving), "deg/s" if name == "sp" else "mm/s")
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
+            if names is not None:
+                found[f"held_{name}"] = (other.held, "–")
+                found[f"t_go_{name}"] = (partial(_since_change, state.time, other.moving, other.moving), "s")
     out = {}
     for name in found if names is None else names:
         values, unit = found.get(name, (None, ""))
@@ -196,6 +200,14 @@ def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]
     names = [n for n in each[0] if all(n in e for e in each) and (n[:5] != "from_" or _begin_elsewhere(n[5:], states))]
     out = {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
     return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
+
+
+def turns_of_others(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
+    """When other linear axes begin to move, stop and turn, of those that every part has; parts one after another."""
+    others = [a for a in LINEAR_AXES if a != states[0].axis and all(a in s.others for s in states)]
+    names = [name for a in others for name in (f"held_{a}", f"t_go_{a}")]
+    each = [signals(s, names) for s in states]
+    return {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
 
 
 def _from_start(place: Float1D) -> Float1D:

@@ -19,13 +19,13 @@ from scipy.signal import lfilter
 from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
-from pido.core.axes import AXES
+from pido.core.axes import AXES, LINEAR_AXES
 from pido.diagnosis.formulas import FORMS, Unnamed, side_of, written
 from pido.diagnosis.judge import WORTH, Judge
 from pido.diagnosis.levels import levels_of, neighbours
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import Known, signals
+from pido.diagnosis.signals import Known, signals, turns_of_others
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
@@ -159,6 +159,7 @@ def transient_terms(judge: Judge, known: Known) -> list[Term]:
     known : `common_signals` of the mismatch
     """
     mismatch = judge.mismatch
+    known = {**known, **turns_of_others(mismatch.states)}
     sources = [_Source.of(law, known[law.signal][0], mismatch) for law in _laws(mismatch.axis, known)]
     offered: dict[Transient, list[tuple[float, Term]]] = {}
     for shape, pole in _kernels(mismatch.step):
@@ -188,8 +189,8 @@ def _around(term: Term, grids: Mapping[str, Float1D]) -> list[Term]:
 
 def _laws(axis: str, known: Known) -> Iterator[Transient]:
     """Of both sides; zero of what is an event by itself, and any level of what is none."""
-    for name in (n.replace("{}", axis) for n in _EVENTS):
-        if name in known:
+    for name in dict.fromkeys(n.replace("{}", a) for n in _EVENTS for a in (axis, *LINEAR_AXES)):
+        if name in known and np.ptp(known[name][0]) > 0:
             yield Transient(name, known[name][1], "both")
     speeds = [f"v_{a}" for a in (axis, *AXES) if a == axis or a != "sp"]
     for name in dict.fromkeys([*speeds, "v_sp", "feed", f"pos_{axis}", f"f_{axis}", "M_sp", "MRR", "AR"]):

@@ -289,7 +289,8 @@ def _gains_of_peaks(known: Known, few: Coarse) -> Iterator[tuple[Peak, dict[str,
 
 
 def tune(library: Library, current: Basis, score: Score) -> Score:
-    """The shape of an unnamed term moved to its best, and the best of its variants."""
+    """The shape of an unnamed term moved to its best, and the best of its variants; a simpler one where the term is not
+    clearly better."""
     best, size, mechanism = score, dict(score.term.shape), score.term.mechanism
     if not isinstance(mechanism, Unnamed) or not size:
         return score
@@ -305,7 +306,10 @@ def tune(library: Library, current: Basis, score: Score) -> Score:
     options = {"maxfev": _TRIALS * len(steps), "initial_simplex": np.r_[[np.zeros(len(steps))], np.diag(steps)]}
     minimize(loss, np.zeros(len(steps)), method="Nelder-Mead", options=options)
     others = (library.score(replace(best.term, mechanism=other), current) for other in mechanism.variants())
-    return min([best, *(tune(library, current, s) for s in others if s is not None)], key=lambda s: s.bic)
+    tuned = [tune(library, current, s) for s in others if s is not None]
+    clearly = _CLEARLY + _CLEARLY_SHARE * max(current.bic - best.bic, 0.0)
+    simpler = [s for s in tuned if len(s.amplitudes) < len(best.amplitudes) and s.bic < best.bic + clearly]
+    return min(simpler or [best, *tuned], key=lambda s: s.bic)
 
 
 def is_known(library: Library, noise: Noise, score: Score) -> bool:

@@ -40,6 +40,16 @@ def test_a_shock_as_the_tool_enters_the_material():
     assert "after the tool enters the material" in term.mechanism.conditions("x", dict(term.shape))[0]
 
 
+def test_a_kick_as_another_axis_turns():
+    def kick(state):
+        return after(state, np.diff(state.others["y"].held, prepend=0.0) / 2, lambda t: np.exp(-t / 0.1))
+
+    term = found_in(kick, strength=1.0, stops=True)
+    assert term.mechanism == Transient("held_y", "–", "both")
+    assert dict(term.shape)["tau"] == pytest.approx(0.1, rel=0.2)
+    assert "axis y turns to +" in term.mechanism.conditions("x", dict(term.shape))[0]
+
+
 def test_what_rings_whenever_a_speed_is_passed_is_found_with_that_speed():
     w, zeta, level = 2 * np.pi * 3.0, 0.08, 5.0
 

@@ -7,10 +7,10 @@ import pytest
 from scipy import signal
 
 from pido.diagnosis.arms import Arm
-from pido.diagnosis.dynamics import Ringing
+from pido.diagnosis.dynamics import Ringing, RingingAlong
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.latched import Latched
-from pido.diagnosis.late import Fading, Lagged, Modulated
+from pido.diagnosis.late import Fading, Lagged, Modulated, Warped
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
@@ -42,6 +42,51 @@ def test_an_axis_that_rings_after_changes_of_another():
     assert isinstance(term.mechanism, Ringing)
     assert term.mechanism.signal == "a_y"
     assert dict(term.shape)["f"] == pytest.approx(4.0, rel=0.02)
+
+
+def column(state, f, zeta, g):
+    """What rings after a change of speed, at f Hz where y is zero; by small steps of time, and not by a filter."""
+    u, out, x, v, finer = state.a, np.zeros(len(state.time)), 0.0, 0.0, 20
+    w = 2 * np.pi * f * np.exp(g * state.places["y"])
+    for i in range(1, len(out)):
+        for k in range(finer):
+            v += STEP / finer * (w[i] ** 2 * (u[i - 1] + (u[i] - u[i - 1]) * k / finer - x) - 2 * zeta * w[i] * v)
+            x += STEP / finer * v
+        out[i] = x - u[i]
+    return out
+
+
+def test_an_axis_that_rings_faster_the_further_another_is():
+    f, zeta, g = 4.0, 0.03, 0.01
+    term = found_in(lambda s: column(s, f, zeta, g))
+    law, shape = term.mechanism, dict(term.shape)
+    assert isinstance(law, RingingAlong)
+    assert (law.signal, law.place) == ("a_x", "pos_y")
+    assert shape["g"] == pytest.approx(g, rel=0.05)
+    assert shape["f"] * np.exp(-g * law.middle) == pytest.approx(f, rel=0.02)
+    assert "faster the further pos_y is" in law.conditions("x", shape)[0]
+
+
+def test_what_rings_alike_everywhere_rings_along_nothing():
+    (state,) = axis_states([part(0)], "x")
+    shape = {"f": 5.0, "zeta": 0.05}
+    along = RingingAlong("a_x", "mm/s²", "pos_y").regressors(state, g=0.0, **shape)
+    plain = Ringing("a_x", "mm/s²").regressors(state, **shape)
+    later = state.time > 5.0  # how it was before the first sample is not known, and no longer matters
+    np.testing.assert_allclose(along[later], plain[later], atol=0.02 * np.std(along))
+
+
+def test_a_compensation_that_follows_the_warmth_of_its_screw():
+    tau, middle = 6.0, 3.0  # s, mm
+
+    def screw(state):
+        warm = signal.lsim(([1], [tau, 1]), state.v**2, state.time)[1]
+        return (state.pos - middle) * (20.0 - warm)
+
+    term = found_in(screw)
+    assert isinstance(term.mechanism, Warped)
+    assert (term.mechanism.place, term.mechanism.cause) == ("pos_x", "v_x")
+    assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.2)
 
 
 def test_a_current_that_follows_a_speed_late():
@@ -157,6 +202,8 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
     "term",
     [
         Term(Ringing("a_x", "mm/s²"), (("f", 6.0), ("zeta", 0.05))),
+        Term(RingingAlong("a_x", "mm/s²", "pos_y", "mm", 3.0, 20.0), (("f", 6.0), ("zeta", 0.05), ("g", 0.01))),
+        Term(Warped("pos_x", "mm", "v_x", "|u|", "mm/s"), (("tau", 0.8),)),
         Term(Lagged("v_x", "|u|", "mm/s", by_cut=True), (("tau", 0.8),)),
         Term(Fading("v_x", "u", "mm/s", only="moving"), (("tau", 0.8),)),
         Term(Modulated("v_x", "|u|", "v_y", "u", "(mm/s)·(mm/s)", beside="(mm/s)"), (("tau", 0.8),)),
@@ -172,7 +219,7 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
     ],
 )
 def test_a_model_that_remembers_comes_back_from_its_file(term):
-    model = AxisModel("x", NOISE, (term,), (np.array([0.1, 0.2])[: len(term.mechanism.amplitudes)],))
+    model = AxisModel("x", NOISE, (term,), (np.linspace(0.1, 0.4, len(term.mechanism.amplitudes)),))
     (state,) = axis_states([part(0)], "x")
     again = axis_models(as_json({"x": model}))["x"]
     assert again.terms == model.terms
