@@ -2,7 +2,7 @@
 time takes back, and what acts in proportion to how a quantity has been lately, as a motor that its losses warm.
 
 In:  the residual of one axis as averages, and the quantities that could drive it.
-Out: `Lagged`, `Fading`, `Modulated` and `Warped` terms worth a closer look.
+Out: `Lagged`, `Fading` and `Modulated` terms worth a closer look.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from pido.diagnosis.terms import Term
 from pido.physics.drive import answered_late
 
 SHORTEST_S = 1e-3  # of what acts late: what is sooner acts at once
-_TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
 _SLOW_TIMES_S = (30.0, 100.0, 300.0)
-_HEAT_S = (1.0, 3.0, 10.0, *_SLOW_TIMES_S)
-_LONGEST_S = 30.0  # what comes later still is drift
+HEAT_S = (1.0, 3.0, 10.0, *_SLOW_TIMES_S)
+LONGEST_S = 30.0  # what comes later still is drift
 _BEST_TIMES = 2  # of every law, by the averages
 _ELSE_ZERO = {"": "", "moving": ", 0 at standstill", "cutting": ", 0 in the air"}
 _MODULATED = 40  # of these, the best by the averages
@@ -37,12 +37,23 @@ _MODULATED = 40  # of these, the best by the averages
 Values = Mapping[str, Float1D]
 
 
-class Late(Unnamed):
+class Behind(Unnamed):
     """What answers through a first order lag of tau."""
 
     longest: ClassVar[float] = np.inf  # s
     passes_loop: ClassVar[bool] = False
     shape: ClassVar[tuple[Parameter, ...]] = (Parameter("tau", "s", low=0.0, scale="log"),)
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        return shape[name] / 2, shape[name] * 2
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in powers of e."""
+        return {"tau": float(np.clip(shape["tau"] * np.exp(np.clip(by[0], -3, 3)), SHORTEST_S, self.longest))}
+
+
+class Late(Behind):
+    """What one late quantity makes, at once, together with what else is there."""
 
     @property
     @abstractmethod
@@ -63,13 +74,6 @@ class Late(Unnamed):
         name, form = self.driver
         return self.over(known, answered_late(FORMS[form](known[name])[None], state.time, shape["tau"])[0])
 
-    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
-        return shape[name] / 2, shape[name] * 2
-
-    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
-        """The shape a step away; `by` is in powers of e."""
-        return {"tau": float(np.clip(shape["tau"] * np.exp(np.clip(by[0], -3, 3)), SHORTEST_S, self.longest))}
-
 
 @dataclass(frozen=True)
 class Lagged(Late):
@@ -85,7 +89,7 @@ class Lagged(Late):
     by_cut: bool = False
     level: bool = False
 
-    longest: ClassVar[float] = _LONGEST_S
+    longest: ClassVar[float] = LONGEST_S
 
     @property
     def driver(self) -> tuple[str, str]:
@@ -122,7 +126,7 @@ class Fading(Late):
     unit: str
     only: str = ""
 
-    longest: ClassVar[float] = _LONGEST_S
+    longest: ClassVar[float] = LONGEST_S
 
     @property
     def driver(self) -> tuple[str, str]:
@@ -203,52 +207,6 @@ class Modulated(Late):
         return f"in proportion to {u}, changing with what {self.cause} was in the last {tau}", ()
 
 
-@dataclass(frozen=True)
-class Warped(Late):
-    """What is in proportion to a place, and more or less of it with how a cause has been lately:
-    dI = k_0 + k_1 * s + (k_2 + k_3 * s) * q(w) / (1 + tau s).
-
-    A screw that warms by its own motion grows from its fixed end; what makes up for that does the same.
-    length, unit : those of s and q(w)
-    """
-
-    place: str  # s
-    length: str
-    cause: str  # w
-    loss: str  # q
-    unit: str
-
-    @property
-    def driver(self) -> tuple[str, str]:
-        return self.cause, self.loss
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({self.place, self.cause})
-
-    @property
-    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        units = ("A", f"A/{self.length}", ampere_per(self.unit), f"A/({self.unit})/{self.length}")
-        return tuple(Parameter(f"k_{i}", unit) for i, unit in enumerate(units))
-
-    @property
-    def equation(self) -> str:  # type: ignore[override]
-        late = f"{written(self.cause, self.loss)} / (1 + tau s)"
-        return f"dI = k_0 + k_1 * {self.place} + (k_2 + k_3 * {self.place}) * ({late})"
-
-    def variants(self) -> tuple[Unnamed, ...]:
-        """What is alike everywhere."""
-        return (Lagged(self.cause, self.loss, self.unit, level=True),)
-
-    def over(self, known: Values, late: Float1D) -> Float2D:
-        place, one = known[self.place], np.ones(len(late))
-        return np.column_stack([one, place, late, place * late])
-
-    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-        lately = f"changing with what {self.cause} was in the last {shape['tau']:.3g} s"
-        return f"in proportion to how far from somewhere {self.place} is, {lately}", ()
-
-
 def late_terms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
     """Every law that acts late, and the best of those that are modulated, each with its best times of those tried.
 
@@ -264,16 +222,15 @@ def late_terms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
         prices = {}
         for tau in times:
             if (name, form, tau) not in late:
-                late[name, form, tau] = _late_in_parts(FORMS[form](known[name][0]), mismatch, tau)[few.rows]
+                late[name, form, tau] = late_in_parts(FORMS[form](known[name][0]), mismatch, tau)[few.rows]
             prices[tau] = price(law.over(values, late[name, form, tau]), few)
         return [
             (prices[tau], Term(law, (("tau", tau),))) for tau in sorted(times, key=prices.__getitem__)[:_BEST_TIMES]
         ]
 
-    plain = [term for law in _laws(mismatch, known) for _, term in best(law, _TIMES_S)]
-    usual = (*_TIMES_S, *_SLOW_TIMES_S)
-    every = [e for law in _modulated(mismatch.axis, known) for e in best(law, _HEAT_S if law.level else usual)]
-    every += [e for law in _warped(mismatch.axis, known) for e in best(law, _HEAT_S)]
+    plain = [term for law in _laws(mismatch, known) for _, term in best(law, TIMES_S)]
+    usual = (*TIMES_S, *_SLOW_TIMES_S)
+    every = [e for law in _modulated(mismatch.axis, known) for e in best(law, HEAT_S if law.level else usual)]
     return [*plain, *(term for _, term in sorted(every, key=lambda each: each[0])[:_MODULATED])]
 
 
@@ -281,7 +238,7 @@ def _laws(mismatch: Mismatch, known: Known) -> Iterator[Late]:
     axis = mismatch.axis
     engaged = [s.engaged for s in mismatch.states]
     cuts = all(e is not None and e.any() and not e.all() for e in engaged)
-    for name, form in _causes(known, axis):
+    for name, form in causes(known, axis):
         unit = known[name][1]
         yield Lagged(name, form, unit)
         yield Lagged(name, form, unit, level=True)
@@ -295,9 +252,9 @@ def _laws(mismatch: Mismatch, known: Known) -> Iterator[Late]:
 
 
 def _modulated(axis: str, known: Known) -> Iterator[Modulated]:
-    causes = [*_causes(known, axis), *([(f"v_{axis}", "u²")] if f"v_{axis}" in known else [])]
+    every = [*causes(known, axis), *([(f"v_{axis}", "u²")] if f"v_{axis}" in known else [])]
     carriers = [(f"v_{axis}", "u"), (f"v_{axis}", "sgn u"), (f"v_{axis}", "|u|"), (f"I_{axis}", "u")]
-    for (name, form), (cause, loss) in itertools.product([c for c in carriers if c[0] in known], causes):
+    for (name, form), (cause, loss) in itertools.product([c for c in carriers if c[0] in known], every):
         of_own, of_cause = (known[name][1], form), (known[cause][1], loss)
         both = unit_of([of_own, of_cause])
         yield Modulated(name, form, cause, loss, both)
@@ -307,15 +264,8 @@ def _modulated(axis: str, known: Known) -> Iterator[Modulated]:
             yield Modulated(name, form, cause, loss, both, level=unit_of([of_own]))
 
 
-def _warped(axis: str, known: Known) -> Iterator[Warped]:
-    place = f"pos_{axis}"
-    if place in known and axis != "sp":
-        for cause, loss in _causes(known, axis):
-            if loss != "u" or known[cause][0].min() >= 0:
-                yield Warped(place, known[place][1], cause, loss, unit_of([(known[cause][1], loss)]))
-
-
-def _causes(known: Known, axis: str) -> Iterator[tuple[str, str]]:
+def causes(known: Known, axis: str) -> Iterator[tuple[str, str]]:
+    """Signals, each with its form, that something late may follow from."""
     for name in dict.fromkeys((f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp", "v_sp", "a_sp")):
         if name in known:
             yield name, "u"
@@ -330,7 +280,7 @@ def _what_it_does(state: AxisState) -> dict[str, Float1D]:
     return {"cutting": cutting, "moving": np.asarray(state.moving, float)}
 
 
-def _late_in_parts(values: Float1D, mismatch: Mismatch, tau: float) -> Float1D:
+def late_in_parts(values: Float1D, mismatch: Mismatch, tau: float) -> Float1D:
     """`answered_late` of every part by itself, (n,)."""
     parts = np.split(values, mismatch.edges[1:-1])
     return np.concatenate([answered_late(u[None], s.time, tau)[0] for u, s in zip(parts, mismatch.states, strict=True)])

@@ -26,7 +26,8 @@ from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.latched import Latched
-from pido.diagnosis.late import Fading, Lagged, Modulated, Warped
+from pido.diagnosis.late import Fading, Lagged, Modulated
+from pido.diagnosis.late_arms import LaggedArm, Warped
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.rested import Rested
@@ -249,6 +250,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
         case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside, level=level):
             own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit}
             own |= {"beside": beside, "level": level}
+        case LaggedArm(signal=signal, form=form, unit=unit, place=place, length=length):
+            own |= {"lags": signal, "form": form, "unit": unit, "along": place, "length": length}
         case Warped(place=place, length=length, cause=cause, loss=loss, unit=unit):
             own |= {"warps": place, "length": length, "cause": cause, "loss": loss, "unit": unit}
         case Rested(axis=axis, unit=unit):
@@ -322,6 +325,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         if "along" not in own:
             return Ringing(*said)
         return RingingAlong(*said, str(own["along"]), str(own["length"]), float(own["middle"]), float(own["reach"]))
+    if "lags" in own and "along" in own:
+        return LaggedArm(*(str(own[n]) for n in ("lags", "form", "unit", "along", "length")))
     if "lags" in own:
         level = bool(own.get("level"))  # models of before do not have
         return Lagged(str(own["lags"]), str(own["form"]), str(own["unit"]), bool(own["by_cut"]), level)

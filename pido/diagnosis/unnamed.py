@@ -36,7 +36,8 @@ from pido.diagnosis.formulas import (
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.judge import Judge
 from pido.diagnosis.latched import Latched, latched_terms
-from pido.diagnosis.late import SHORTEST_S, Fading, Late, Modulated, late_terms
+from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Modulated, late_terms
+from pido.diagnosis.late_arms import late_arms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
@@ -73,7 +74,7 @@ _FINALISTS = 12
 _TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
-_REMEMBERS = (Ringing, Late, Rested, Transient, Latched)
+_REMEMBERS = (Ringing, Behind, Rested, Transient, Latched)
 _FIRST_STEPS = (0.5, 0.4, 0.4)  # of the shape parameters
 _TRIALS = 20  # of a shape, per parameter
 
@@ -206,7 +207,11 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     ranked = sorted(_by_gain(mismatch, known, few), key=lambda g: -g[0])
     offered = [t.behind(library.lag) for _, t in ranked]
     quick = [Term(law).behind(library.lag) for law in quick_laws(mismatch.axis, whole, noise, residual)]
-    late = [*ringing_terms(mismatch, residual, whole), *late_terms(mismatch, whole, few)]
+    late = [
+        *ringing_terms(mismatch, residual, whole),
+        *late_terms(mismatch, whole, few),
+        *late_arms(mismatch, whole, few),
+    ]
     late += rested_terms(mismatch, few)
     judge = Judge(mismatch, noise, residual)
     late += [*transient_terms(judge, whole), *latched_terms(judge, whole)]

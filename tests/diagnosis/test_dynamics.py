@@ -10,7 +10,8 @@ from pido.diagnosis.arms import Arm
 from pido.diagnosis.dynamics import Ringing, RingingAlong
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.latched import Latched
-from pido.diagnosis.late import Fading, Lagged, Modulated, Warped
+from pido.diagnosis.late import Fading, Lagged, Modulated
+from pido.diagnosis.late_arms import LaggedArm, Warped
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
@@ -87,6 +88,17 @@ def test_a_compensation_that_follows_the_warmth_of_its_screw():
     assert isinstance(term.mechanism, Warped)
     assert (term.mechanism.place, term.mechanism.cause) == ("pos_x", "v_x")
     assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.2)
+
+
+def test_drives_that_wind_each_other_up_the_more_the_further_out_their_load_is():
+    tau, middle = 1.2, -8.0  # s, mm
+
+    def wound(state):
+        return signal.lsim(([1], [tau, 1]), state.v * (state.places["y"] - middle), state.time)[1]
+
+    term = found_in(wound)
+    assert term.mechanism == LaggedArm("v_x", "u", "mm/s", "pos_y", "mm")
+    assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.1)
 
 
 def test_a_current_that_follows_a_speed_late():
@@ -203,6 +215,7 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
     [
         Term(Ringing("a_x", "mm/s²"), (("f", 6.0), ("zeta", 0.05))),
         Term(RingingAlong("a_x", "mm/s²", "pos_y", "mm", 3.0, 20.0), (("f", 6.0), ("zeta", 0.05), ("g", 0.01))),
+        Term(LaggedArm("v_x", "u", "mm/s", "pos_y", "mm"), (("tau", 0.8),)),
         Term(Warped("pos_x", "mm", "v_x", "|u|", "mm/s"), (("tau", 0.8),)),
         Term(Lagged("v_x", "|u|", "mm/s", by_cut=True), (("tau", 0.8),)),
         Term(Fading("v_x", "u", "mm/s", only="moving"), (("tau", 0.8),)),

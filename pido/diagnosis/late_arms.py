@@ -1,0 +1,161 @@
+"""Models without a name that are late, and grow along the way of an axis.
+
+In:  the residual of one axis as averages, and the quantities that could drive it.
+Out: `LaggedArm` and `Warped` terms worth a closer look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pido.core.arrays import Float1D, Float2D
+from pido.core.axes import LINEAR_AXES
+from pido.diagnosis.flexible import Coarse, price
+from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
+from pido.diagnosis.late import HEAT_S, LONGEST_S, TIMES_S, Behind, Lagged, Late, Values, causes, late_in_parts
+from pido.diagnosis.mechanisms.base import Parameter
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.signals import Known, signals
+from pido.diagnosis.state import AxisState
+from pido.diagnosis.terms import Term
+from pido.physics.drive import answered_late
+
+_BEST = 12
+
+
+@dataclass(frozen=True)
+class LaggedArm(Behind):
+    """What acts late on an arm (`arms.Arm`): dI = ((k_0 + k_1 * s) * p(u)) / (1 + tau s).
+
+    Two drives of one beam wind each other up as it moves, and give way again: the more, the further out the load is.
+    place, length : s and its unit
+    """
+
+    signal: str
+    form: str
+    unit: str
+    place: str
+    length: str
+
+    longest: ClassVar[float] = LONGEST_S
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.signal, self.place})
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        return f"dI = ((k_0 + k_1 * {self.place}) * {written(self.signal, self.form)}) / (1 + tau s)"
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        own = (self.unit, self.form)
+        return Parameter("k_0", ampere_per(unit_of([own]))), Parameter(
+            "k_1", ampere_per(unit_of([own, (self.length, "u")]))
+        )
+
+    def variants(self) -> tuple[Unnamed, ...]:
+        """What is alike everywhere."""
+        return (Lagged(self.signal, self.form, self.unit),)
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        known = {n: v for n, (v, _) in signals(state, self.reads).items()}
+        return answered_late(self.drivers(known), state.time, shape["tau"]).T
+
+    def drivers(self, known: Values) -> Float2D:
+        """(2, n) – what each amplitude counts for, before it is late."""
+        u = FORMS[self.form](known[self.signal])
+        return np.stack([u, known[self.place] * u])
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        of = f"in proportion to how far from somewhere {self.place} is"
+        return f"following {self.signal} {shape['tau']:.3g} s late, {of}", ()
+
+
+@dataclass(frozen=True)
+class Warped(Late):
+    """What is in proportion to a place, and more or less of it with how a cause has been lately:
+    dI = k_0 + k_1 * s + (k_2 + k_3 * s) * q(w) / (1 + tau s).
+
+    A screw that warms by its own motion grows from its fixed end; what makes up for that does the same.
+    length, unit : those of s and q(w)
+    """
+
+    place: str  # s
+    length: str
+    cause: str  # w
+    loss: str  # q
+    unit: str
+
+    @property
+    def driver(self) -> tuple[str, str]:
+        return self.cause, self.loss
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.place, self.cause})
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        units = ("A", f"A/{self.length}", ampere_per(self.unit), f"A/({self.unit})/{self.length}")
+        return tuple(Parameter(f"k_{i}", unit) for i, unit in enumerate(units))
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        late = f"{written(self.cause, self.loss)} / (1 + tau s)"
+        return f"dI = k_0 + k_1 * {self.place} + (k_2 + k_3 * {self.place}) * ({late})"
+
+    def variants(self) -> tuple[Unnamed, ...]:
+        """What is alike everywhere."""
+        return (Lagged(self.cause, self.loss, self.unit, level=True),)
+
+    def over(self, known: Values, late: Float1D) -> Float2D:
+        place, one = known[self.place], np.ones(len(late))
+        return np.column_stack([one, place, late, place * late])
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        lately = f"changing with what {self.cause} was in the last {shape['tau']:.3g} s"
+        return f"in proportion to how far from somewhere {self.place} is, {lately}", ()
+
+
+def late_arms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
+    """The best of all laws that are late and grow along a way, each with its best time of those tried.
+
+    known : `common_signals` of the mismatch; few : what is left, as averages
+    """
+    values, coarse = {n: v for n, (v, _) in known.items()}, {n: v[few.rows] for n, (v, _) in known.items()}
+    late: dict[tuple[str, str, float], Float1D] = {}
+
+    def columns(law: LaggedArm | Warped, tau: float) -> Float2D:
+        if isinstance(law, LaggedArm):
+            return np.column_stack([late_in_parts(u, mismatch, tau)[few.rows] for u in law.drivers(values)])
+        name, form = law.driver
+        if (name, form, tau) not in late:
+            late[name, form, tau] = late_in_parts(FORMS[form](values[name]), mismatch, tau)[few.rows]
+        return law.over(coarse, late[name, form, tau])
+
+    tried = [
+        min(((price(columns(law, tau), few), Term(law, (("tau", tau),))) for tau in times), key=lambda each: each[0])
+        for laws, times in ((_lagged(mismatch.axis, known), TIMES_S), (_warped(mismatch.axis, known), HEAT_S))
+        for law in laws
+    ]
+    return [term for _, term in sorted(tried, key=lambda each: each[0])[:_BEST]]
+
+
+def _lagged(axis: str, known: Known) -> Iterator[LaggedArm]:
+    places = [p for p in (f"pos_{a}" for a in LINEAR_AXES) if p in known]
+    for name in (n for n in (f"v_{axis}", f"a_{axis}", f"f_{axis}", f"I_{axis}") if n in known):
+        for place in places:
+            yield LaggedArm(name, "u", known[name][1], place, known[place][1])
+
+
+def _warped(axis: str, known: Known) -> Iterator[Warped]:
+    place = f"pos_{axis}"
+    if place in known and axis != "sp":
+        for cause, loss in causes(known, axis):
+            if loss != "u" or known[cause][0].min() >= 0:
+                yield Warped(place, known[place][1], cause, loss, unit_of([(known[cause][1], loss)]))
