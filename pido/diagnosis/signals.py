@@ -30,6 +30,7 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     "stood_{}": "time since the axis stopped, at most 10 s, 0 in motion",
     "rested_{}": "how long the axis stood before it moved, at most 60 s, 0 at rest",
     "I_{}": "simulated current",
+    "way_all": "way of all linear axes together since the part began",
     "I_all": "simulated currents of all axes together, without their signs",
     "removed": "volume removed since the part began",
     "feed": "speed along the path",
@@ -42,8 +43,9 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     **{f"from_{a}": f"pos_{a} less where it was as the part began" for a in LINEAR_AXES},
 }
 CLOCKS = ("uptime", "t_part")  # which tell when, not what
+COUNTS = (*CLOCKS, "way_all")  # which go on and on: something may come again with them
 # Over which neither a peak nor a bend is a law.
-NO_PLACE = ("held", "speeding", "braking", "coolant", *CLOCKS, "I_", "pos_sp")
+NO_PLACE = ("held", "speeding", "braking", "coolant", *COUNTS, "I_", "pos_sp")
 LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
 _STANDS = 0.02  # mm/s along the path, and less
 _LONG_REST_S = 60.0  # after which it no longer matters how long an axis stood
@@ -80,6 +82,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"I_{a}": (state.sim, "A"),
         **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
         "I_all": (lambda: _together(state), "A"),
+        "way_all": (lambda: _way_of_all(state), "mm"),
         "feed": (lambda: _feed(state), "mm/s"),
         "feed_rev": (lambda: _feed_per_revolution(state), "mm"),
         "a_n": (lambda: _across_path(state), "mm/s²"),
@@ -170,6 +173,15 @@ def _feed_per_revolution(state: AxisState) -> Float1D | None:
 
 def _together(state: AxisState) -> Float1D | None:
     return None if state.sim is None or not state.sims else sum(map(np.abs, state.sims.values()), np.abs(state.sim))
+
+
+def _way_of_all(state: AxisState) -> Float1D | None:
+    """What a lubrication counts that has one pump for all axes; None with fewer than two."""
+    motions = [m for m in (state, *state.others.values()) if m is not state.others.get("sp")]
+    motions = motions[1:] if state.axis == "sp" else motions
+    if len(motions) < 2:
+        return None
+    return np.cumsum(sum(np.abs(np.nan_to_num(m.v)) * m.moving for m in motions) * seconds_of_each(state.time))
 
 
 def _rested(time: Float1D, moving: Bool1D) -> Float1D:

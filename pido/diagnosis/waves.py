@@ -1,5 +1,5 @@
-"""Loads and frictions that are periodic along a travel, of this axis or of another, over its speed, with the volume
-removed, in time or since an event: a model without a name.
+"""Loads and frictions that are periodic along a travel, of this axis or of another, over its speed, with the way
+of all axes, the volume removed, in time or since an event: a model without a name.
 
 In:  the residual of one axis as averages, and the quantities that could carry a wave.
 Out: `Wave` terms worth a closer look, their periods read from the residual itself.
@@ -117,7 +117,7 @@ def waves(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
     """
     found = []
     found += _in_time(axis, known, few)
-    travels = [n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}", "removed")]
+    travels = [n for n in known if n.startswith("pos_") or n in (f"d_{axis}", f"way_{axis}", "way_all", "removed")]
     for place in (*travels, *(n for n in (f"v_{axis}", *_times(axis)) if n in known)):
         s = known[place][0]
         numbers = _wave_numbers(place, s)

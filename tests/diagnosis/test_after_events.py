@@ -88,6 +88,17 @@ def test_what_comes_again_with_the_volume_removed():
     assert dict(term.shape)["L"] == pytest.approx(13.0, rel=0.01)
 
 
+def test_oil_that_comes_again_with_the_way_of_all_axes():
+    def oiled(state):
+        way = np.cumsum(np.abs(np.diff(state.pos, prepend=0.0)) + np.abs(np.diff(state.places["y"], prepend=0.0)))
+        return state.held * (0.5 - way / 40.0 % 1.0)
+
+    term = found_in(oiled, stops=True)
+    assert isinstance(term.mechanism, Wave)
+    assert (term.mechanism.place, term.mechanism.signal) == ("way_all", "held_x")
+    assert dict(term.shape)["L"] == pytest.approx(40.0, rel=0.01)
+
+
 def test_a_transient_counts_from_its_last_event_on_its_side():
     (state,) = axis_states([part(0)], "x")
     above = np.abs(state.v) > 5.0
