@@ -24,8 +24,9 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """Apply the models of a diagnosis, unchanged, to a part that was not diagnosed.
 
     DIAGNOSIS is the folder that `pido diagnose --out` wrote, or a file in it. No curr_<axis> column of PART is read: it
-    works where there is no recording of the current yet. What parts made since those of the diagnosis left behind
-    (heat, wear) is carried on from those given with --after. Nothing is written into what is read, or over a recording.
+    works where there is no recording of the current yet. What the diagnosed parts left behind (heat, wear) is in the
+    diagnosis; what parts made since then left behind is carried on from those given with --after. Nothing is written
+    into what is read, or over a recording.
 
     \b
     pido correct diagnosis parts/p04 --out p04-corrected.parquet
@@ -33,7 +34,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
-    from pido.diagnosis.correct import correct, not_told_of, without_currents
+    from pido.diagnosis.correct import correct, not_told_of, wear_not_kept, without_currents
     from pido.recordings import read_recording
 
     folder = diagnosis.parent if diagnosis.is_file() else diagnosis
@@ -50,6 +51,12 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
         click.echo(
             f"part {recording.part.part}: of the parts made before it, number {orders} in production order is not "
             "known; what was left behind there (heat, wear) is left out. Give it with --after.",
+            err=True,
+        )
+    if wear_not_kept(model, recording, earlier):
+        click.echo(
+            f"part {recording.part.part}: this diagnosis is of a version that did not keep what its own parts wore "
+            "off; that is left out. Give them with --after, oldest first, or run 'pido diagnose' again.",
             err=True,
         )
     series = correct(model, recording, earlier)

@@ -42,7 +42,7 @@ from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
-from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.state import AxisState, axis_states, worn_before
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unnamed import clearly_less
@@ -159,7 +159,9 @@ def _diagnose(
         model={
             **as_json(models),
             "history": _history(parts),
+            "parts": [r.part.part for r in parts],
             "orders": [r.part.order for r in parts],
+            "worn": worn_before(parts),
             "dead_bands": bands,
         },
         rejected=tuple(rejected),
