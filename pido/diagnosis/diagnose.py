@@ -25,7 +25,7 @@ from pido.core.memory import kept_memory
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
-from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
+from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms, uneven_inputs
 from pido.diagnosis.comparable import comparable_axes, in_order, moving_s
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
@@ -332,6 +332,7 @@ def _settle(
         findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed))
     findings, note = one_for_many(full, noises[0], terms, found.fit.amplitudes, findings, recorded, level)
     answer.notes += [] if note is None else [note]
+    answer.notes += uneven_inputs(parts, full.axis) if full.base_names else []
     series = []
     for recording, state in zip(parts, full.states, strict=True):
         simulated = model.simulated(recording, state)

@@ -18,7 +18,7 @@ from pido.core.columns import CURRENT_SIM
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.arms import Arm, Eased
-from pido.diagnosis.baseline import equation_names, equation_rows
+from pido.diagnosis.baseline import equation_inputs, equation_names, equation_rows
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing, RingingAlong
 from pido.diagnosis.events import ExternalForce, Rhythm
@@ -68,6 +68,10 @@ class Equation:
     joint: Float1D
 
     def of(self, recording: Recording, state: AxisState, coefficients: Float1D) -> Float1D:
+        """(n,), A. Raises DiagnosisError where the part lacks a column that the equation follows from."""
+        lacking = [c for c in equation_inputs(self.names) if c not in recording or np.isnan(recording[c]).all()]
+        if lacking:
+            raise DiagnosisError(_not_without(state, "the equation", lacking))
         at = [equation_names().index(n) for n in self.names]
         return coefficients @ equation_rows(recording, state)[at]
 
@@ -130,15 +134,19 @@ class AxisModel:
         names = [n for n in follows_from if n in self.known and getattr(state, n) is None]
         if names:
             silent = [_GIVEN_BY[name].format(axis=self.axis) for name in names]
-            raise DiagnosisError(
-                f"part {state.part}: {term.name} on axis {self.axis} cannot be applied: the part lacks "
-                f"{', '.join(dict.fromkeys(silent))}, which the diagnosed parts had. Add it to the part."
-            )
+            raise DiagnosisError(_not_without(state, term.name, list(dict.fromkeys(silent))))
 
     def _limits_of(self, part: str) -> tuple[float, float]:
         every = self.limits.values()
         widest = (min((v[0] for v in every), default=-np.inf), max((v[1] for v in every), default=np.inf))
         return self.limits.get(part, widest)
+
+
+def _not_without(state: AxisState, what: str, lacking: Sequence[str]) -> str:
+    return (
+        f"part {state.part}: {what} on axis {state.axis} cannot be applied: the part lacks {', '.join(lacking)}, which "
+        "the diagnosed parts had. Add it to the part."
+    )
 
 
 def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
