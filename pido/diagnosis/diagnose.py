@@ -42,7 +42,7 @@ from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
-from pido.diagnosis.state import AxisState, axis_states, worn_before
+from pido.diagnosis.state import AxisState, axis_states, running, worn_before
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unnamed import clearly_less
@@ -202,8 +202,8 @@ def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:
 
 def _history(parts: Sequence[Recording]) -> list[list[float]]:
     """When the machine was running, on its own clock, s: heat is carried on from there."""
-    known = [(r.part.start_time_s, float(r.time[-1])) for r in parts]
-    return [[s, s + d] for s, d in known if s is not None] if all(s is not None for s, _ in known) else []
+    runs = [run for r in parts if (run := running(r)) is not None]
+    return [list(run) for run in runs] if len(runs) == len(parts) else []
 
 
 @dataclass

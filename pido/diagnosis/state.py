@@ -157,10 +157,15 @@ def axis_states(
     for recording in recordings:
         clock_known &= recording.part.start_time_s is not None
         states.append(_state(recording, axis, machine, bands, carried, tuple(past) if clock_known else None))
-        start = recording.part.start_time_s
-        if start is not None:
-            past.append((start, start + float(recording.time[-1])))
+        if (run := running(recording)) is not None:
+            past.append(run)
     return tuple(states)
+
+
+def running(recording: Recording) -> tuple[float, float] | None:
+    """First and last sample on the machine's clock, s, wherever its own time begins; None where no part.json says."""
+    start = recording.part.start_time_s
+    return None if start is None else (start, start + float(recording.time[-1] - recording.time[0]))
 
 
 def worn_before(recordings: Sequence[Recording]) -> list[Worn]:
@@ -209,7 +214,7 @@ def _state(
     if machine is not None:
         lead = machine.ball_screw_lead_mm.get(axis) if lead is None else lead
         vertical = machine.vertical_axis if vertical is None else vertical
-    clock = None if info.start_time_s is None else info.start_time_s + time
+    clock = None if info.start_time_s is None else info.start_time_s + time - time[:1]
     usable = np.isfinite(own.v) & np.isfinite(own.a) & ~beyond_load(recording)
     if own.wrong is not None:
         usable &= ~own.wrong

@@ -14,9 +14,10 @@ from pido.cli.diagnose import command as diagnose_command
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.correct import correct
+from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.models import AxisModel, as_json
-from pido.diagnosis.state import worn_before
+from pido.diagnosis.state import axis_states, worn_before
 from pido.diagnosis.terms import Term
 from pido.recordings.folder import write_folder
 
@@ -95,7 +96,8 @@ def test_a_diagnosis_of_before_says_that_it_does_not_know_the_wear_of_its_parts(
     np.testing.assert_allclose(mismatch, wear[3], atol=0.02 * wear[3].max())
 
 
-WEAR = Term(next(m for m in CATALOGUE if m.id == "tool_wear"), (("by", 0.0), ("of", 1.0)))
+BY_ID = {m.id: m for m in CATALOGUE}
+WEAR = Term(BY_ID["tool_wear"], (("by", 0.0), ("of", 1.0)))
 
 
 @pytest.mark.parametrize(
@@ -126,3 +128,50 @@ def test_wear_is_that_of_the_parts_made_before_or_what_the_part_states(about, be
 
 def with_info(recording, **about):
     return replace(recording, part=PartInfo.model_validate({"machine": "m", **ABOUT, **about}))
+
+
+@pytest.fixture(scope="module")
+def warming():
+    """Four parts of 30 s, ten seconds after one another, of a machine that warms up: what heat does to each, and all in
+    a time that does not begin at zero."""
+    made, wants = [], []
+    for k in range(4):
+        rng, t = np.random.default_rng(k), np.arange(1500) * STEP
+        v = np.convolve(np.repeat(rng.choice([-12.0, -5.0, 5.0, 12.0], 30), 50), np.ones(9) / 9, "same")
+        heat = 0.5 * np.exp(-(40.0 * k + t) / 60.0)
+        columns = {"time": t + 15.0, "pos_x": np.cumsum(v) * STEP, "v_x": v, "a_x": np.gradient(v, t)}
+        columns |= {"curr_x_sim": np.sign(v), "curr_x": np.sign(v) + heat + rng.normal(0, 0.03, 1500)}
+        made.append(Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1, start_time_s=40.0 * k), columns))
+        wants.append(heat)
+    return made, wants
+
+
+def piece(recording, at, keeps_time):
+    """The rows from `at` on, which begin that much later on the machine's clock."""
+    rest = recording.rows(slice(at, None))
+    about = rest.part.model_copy(update={"start_time_s": recording.part.start_time_s + at * STEP})
+    time = rest.time if keeps_time else rest.time - rest.time[0]
+    return replace(rest, part=about).with_columns(time=time)
+
+
+def test_the_machines_clock_is_that_of_the_first_sample_wherever_a_parts_time_begins(warming):
+    parts, heat = warming
+    found = diagnose(parts[:3])
+    assert [f.mechanism for f in found.findings] == ["thermal_drift"]
+    assert found.findings[0].parameters["tau"].value == pytest.approx(60.0, rel=0.1)
+    np.testing.assert_allclose(found.model["history"], [[0.0, 29.98], [40.0, 69.98], [80.0, 109.98]])
+    for keeps_time in (True, False):
+        for at in (0, 750):
+            mismatch = correct(found.model, piece(parts[3], at, keeps_time)).mismatch["x"]
+            np.testing.assert_allclose(mismatch, heat[3][at:], atol=5e-3)
+
+
+@pytest.mark.parametrize("clock", [1.0, 2.0, 3.0])
+def test_a_machine_is_as_warm_as_its_clock_says_whether_a_part_keeps_its_time_or_not(clock, warming):
+    drift = BY_ID["thermal_drift"]
+    shape = {"tau": 60.0, "clock": clock, "along": 0.0, "rises": 0.0}
+    one, other = (
+        axis_states([*warming[0][:2], piece(warming[0][2], 500, keeps_time)], "x")[2] for keeps_time in (True, False)
+    )
+    np.testing.assert_allclose(one.earlier, [(0.0, 29.98), (40.0, 69.98)])
+    np.testing.assert_allclose(drift.regressors(one, **shape), drift.regressors(other, **shape))
