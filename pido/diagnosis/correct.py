@@ -32,9 +32,10 @@ def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Re
     earlier : parts of the same machine made before this one, oldest first, where their wear or heat is carried on;
         what the diagnosed parts left behind, the model knows itself
 
-    Raises DiagnosisError where the recording has no simulated current and the model has no equation for it, or where
-    it says nothing of an axis in any sample.
+    Raises DiagnosisError where a part is given twice, the recording has no simulated current and the model has no
+    equation for it, or where it says nothing of an axis in any sample.
     """
+    _each_once([recording, *earlier])
     models = axis_models(model)
     worn, diagnosed = _worn(model, recording)
     earlier = [r for r in earlier if r.part.part not in diagnosed]
@@ -89,6 +90,15 @@ def apply(model: AxisModel, recording: Recording, state: AxisState) -> tuple[Flo
     simulated = model.simulated(recording, state)
     effect = model.effect(simulated, recording, state)
     return effect, score(effect, model.noise_level), simulated + effect
+
+
+def _each_once(parts: Sequence[Recording]) -> None:
+    names = [r.part.part for r in parts]
+    if double := sorted({n for n in names if names.count(n) > 1}):
+        raise DiagnosisError(
+            f"part {', '.join(double)} was given more than once: what it leaves behind would count twice. Give each "
+            "part once, and with --after those made before the one that is corrected."
+        )
 
 
 def _says_nothing(recording: Recording, axis: str) -> str:

@@ -96,6 +96,17 @@ def test_a_diagnosis_of_before_says_that_it_does_not_know_the_wear_of_its_parts(
     np.testing.assert_allclose(mismatch, wear[3], atol=0.02 * wear[3].max())
 
 
+@pytest.mark.parametrize(("after", "twice"), [((3,), "p4"), ((2, 2), "p3"), ((2, 3, 2), "p3, p4")])
+def test_a_part_that_is_given_twice_is_refused(after, twice, diagnosed, tmp_path):
+    diagnosis, folders, _ = diagnosed
+    more = [word for k in after for word in ("--after", str(folders[k]))]
+    words = [str(diagnosis), str(folders[3]), *more, "--out", str(tmp_path / "c.parquet")]
+    answer = CliRunner().invoke(correct_command, words)
+    assert answer.exit_code == 1
+    assert str(answer.exception).startswith(f"part {twice} was given more than once")
+    assert not (tmp_path / "c.parquet").exists()
+
+
 BY_ID = {m.id: m for m in CATALOGUE}
 WEAR = Term(BY_ID["tool_wear"], (("by", 0.0), ("of", 1.0)))
 
