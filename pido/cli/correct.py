@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pido.cli.inputs import Input
-from pido.cli.outputs import Output, outside, replaceable
+from pido.cli.outputs import Output, not_of_another_format, outside, replaceable
 
 if TYPE_CHECKING:
     from pido.core.recording import Recording
@@ -37,9 +37,10 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     from pido.diagnosis.correct import correct, not_told_of, wear_not_kept, without_currents
     from pido.recordings import read_recording
 
-    folder = diagnosis.parent if diagnosis.is_file() else diagnosis
+    folder = _folder_of(diagnosis)
     outside(out, (folder, part, *after))
     replaceable(out, contract.is_series, "corrected part")
+    not_of_another_format(out, "NAME.parquet is written.")
     model = contract.read_model(folder)
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
     for place, one in zip((part, *after), (recording, *earlier), strict=True):
@@ -62,6 +63,16 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     series = correct(model, recording, earlier)
     contract.write_series(series, out, contract.unit_of_series(model))
     click.echo(str(out))
+
+
+def _folder_of(diagnosis: Path) -> Path:
+    """The folder of a diagnosis, by itself, a file in it, or its folder of series or one of these."""
+    from pido.diagnosis.contract import MODEL
+
+    folder = diagnosis.parent if diagnosis.is_file() else diagnosis
+    above = folder.absolute().parent
+    is_series = folder.absolute().name == "parts" and not (folder / MODEL).exists() and (above / MODEL).exists()
+    return above if is_series else folder
 
 
 def _same_machine(model: Mapping[str, Any], place: Path, recording: Recording) -> None:

@@ -19,7 +19,7 @@ from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.finding import PartSeries
 from pido.diagnosis.locate import score
-from pido.diagnosis.models import AxisModel, axis_models
+from pido.diagnosis.models import AxisModel, axis_models, readable
 from pido.diagnosis.pair import pair_of
 from pido.diagnosis.state import AxisState, Worn, axis_states
 
@@ -37,19 +37,21 @@ def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Re
     """
     _each_once([recording, *earlier])
     models = axis_models(model)
-    worn, diagnosed = _worn(model, recording)
+    with readable():
+        worn, diagnosed = _worn(model, recording)
+        history = [(float(a), float(b)) for a, b in model.get("history", [])]
+        bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
     earlier = [r for r in earlier if r.part.part not in diagnosed]
     pair = pair_of(model)
     if pair is not None:
         recording, earlier = pair.of(recording), [pair.of(r) for r in earlier]
     without = without_currents(recording)
-    bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
     mismatch: dict[str, Float1D] = {}
     scores: dict[str, Float1D] = {}
     corrected: dict[str, Float1D] = {}
     for axis, own in models.items():
         states = axis_states([*map(without_currents, earlier), without], axis, bands=bands, worn=worn)
-        state = _with_history(states[-1], model)
+        state = _with_history(states[-1], history)
         mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
         if not np.isfinite(corrected[axis]).any():
             raise DiagnosisError(_says_nothing(without, axis))
@@ -131,9 +133,8 @@ def _worn(model: Mapping[str, Any], recording: Recording) -> tuple[Worn, frozens
     return {tool: (float(mm3), float(s)) for tool, (mm3, s) in model["worn"][at].items()}, frozenset(names)
 
 
-def _with_history(state: AxisState, model: Mapping[str, Any]) -> AxisState:
+def _with_history(state: AxisState, history: Sequence[tuple[float, float]]) -> AxisState:
     """The state with what the diagnosis knew of the machine's running times before this part."""
-    history = [(float(a), float(b)) for a, b in model.get("history", [])]
     if state.clock is None or not history or state.earlier is None:
         return state
     before = {span for span in history if span[1] <= float(state.clock[0]) + 1e-6}

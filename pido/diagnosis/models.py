@@ -6,7 +6,8 @@ Out: `AxisModel`: simulated current and systematic mismatch of any part, from it
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -175,9 +176,16 @@ def as_json(models: Mapping[str, AxisModel]) -> dict[str, Any]:
 
 def axis_models(model: Mapping[str, Any]) -> dict[str, AxisModel]:
     """Back from `as_json`. Raises DiagnosisError for what this version does not know."""
-    try:
+    with readable():
         return {axis: _axis_model(axis, data) for axis, data in model["axes"].items()}
-    except (KeyError, TypeError, AttributeError) as error:
+
+
+@contextmanager
+def readable() -> Iterator[None]:
+    """Raises DiagnosisError where what is read of a model in this block is not there, or of another kind."""
+    try:
+        yield
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
         raise DiagnosisError(
             f"the model of this diagnosis is damaged ({error!r}). Run 'pido diagnose' again."
         ) from None
