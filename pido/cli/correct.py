@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pido.cli.inputs import Input
-from pido.cli.outputs import Output, outside, replaceable
+from pido.cli.outputs import Output, not_of_another_format, outside, replaceable
 
 if TYPE_CHECKING:
     from pido.core.recording import Recording
@@ -24,8 +24,9 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """Apply the models of a diagnosis, unchanged, to a part that was not diagnosed.
 
     DIAGNOSIS is the folder that `pido diagnose --out` wrote, or a file in it. No curr_<axis> column of PART is read: it
-    works where there is no recording of the current yet. What parts made since those of the diagnosis left behind
-    (heat, wear) is carried on from those given with --after. Nothing is written into what is read, or over a recording.
+    works where there is no recording of the current yet. What the diagnosed parts left behind (heat, wear) is in the
+    diagnosis; what parts made since then left behind is carried on from those given with --after. Nothing is written
+    into what is read, or over a recording.
 
     \b
     pido correct diagnosis parts/p04 --out p04-corrected.parquet
@@ -33,12 +34,13 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
-    from pido.diagnosis.correct import correct, not_told_of, without_currents
+    from pido.diagnosis.correct import correct, not_told_of, wear_not_kept, without_currents
     from pido.recordings import read_recording
 
-    folder = diagnosis.parent if diagnosis.is_file() else diagnosis
+    folder = _folder_of(diagnosis)
     outside(out, (folder, part, *after))
     replaceable(out, contract.is_series, "corrected part")
+    not_of_another_format(out, "NAME.parquet is written.")
     model = contract.read_model(folder)
     recording, earlier = read_recording(part), [read_recording(each) for each in after]
     for place, one in zip((part, *after), (recording, *earlier), strict=True):
@@ -52,9 +54,25 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
             "known; what was left behind there (heat, wear) is left out. Give it with --after.",
             err=True,
         )
+    if wear_not_kept(model, recording, earlier):
+        click.echo(
+            f"part {recording.part.part}: this diagnosis is of a version that did not keep what its own parts wore "
+            "off; that is left out. Give them with --after, oldest first, or run 'pido diagnose' again.",
+            err=True,
+        )
     series = correct(model, recording, earlier)
     contract.write_series(series, out, contract.unit_of_series(model))
     click.echo(str(out))
+
+
+def _folder_of(diagnosis: Path) -> Path:
+    """The folder of a diagnosis, by itself, a file in it, or its folder of series or one of these."""
+    from pido.diagnosis.contract import MODEL
+
+    folder = diagnosis.parent if diagnosis.is_file() else diagnosis
+    above = folder.absolute().parent
+    is_series = folder.absolute().name == "parts" and not (folder / MODEL).exists() and (above / MODEL).exists()
+    return above if is_series else folder
 
 
 def _same_machine(model: Mapping[str, Any], place: Path, recording: Recording) -> None:

@@ -14,6 +14,8 @@ import click
 from pido.core.errors import InputError
 from pido.core.files import writable
 
+_OTHER_FILES = (".csv", ".json", ".txt", ".xlsx", ".mpf", ".feather", ".h5")
+
 
 class Output(click.Path):
     """A file, or a folder of files, that a verb writes when it is done.
@@ -39,6 +41,15 @@ def replaceable(file: Path, own: Callable[[Collection[str]], bool], what: str) -
         return
     if not own(_columns(file)):
         raise InputError(f"--out {file}: is there already and is no {what}. Name another place, or move it away.")
+
+
+def not_of_another_format(out: Path, written: str) -> None:
+    """Raises BadParameter where the name of a file says that it is no Parquet, which the verb writes.
+
+    written : what is written, and under what name
+    """
+    if out.suffix.lower() in _OTHER_FILES and not out.is_dir():
+        raise click.BadParameter(f"{out.name}: {written}", param_hint="--out")
 
 
 def outside(out: Path, inputs: Iterable[Path]) -> None:

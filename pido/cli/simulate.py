@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pido.cli.inputs import Input
-from pido.cli.outputs import replaceable
+from pido.cli.outputs import not_of_another_format, replaceable
 
 if TYPE_CHECKING:
     from pido.core.recording import Recording
-
-_OTHER_FILES = (".csv", ".json", ".txt", ".xlsx", ".mpf", ".feather", ".h5")
 
 
 @click.command(name="simulate")
@@ -58,8 +56,7 @@ def command(program: Path, job_file: Path, out: Path, name: str | None, engageme
     from pido.process.simulate import simulate_job
     from pido.recordings.folder import ABOUT, DATA, write_columns, write_folder
 
-    if out.suffix.lower() in _OTHER_FILES and not out.is_dir():
-        raise click.BadParameter(f"{out.name}: NAME.parquet is written, or a folder.", param_hint="--out")
+    not_of_another_format(out, "NAME.parquet is written, or a folder.")
     alone = out.suffix.lower() == ".parquet" and not out.is_dir()
     file = out if alone else out / DATA
     replaceable(file, _simulated, "simulated recording")

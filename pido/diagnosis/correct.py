@@ -19,9 +19,9 @@ from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.finding import PartSeries
 from pido.diagnosis.locate import score
-from pido.diagnosis.models import AxisModel, axis_models
+from pido.diagnosis.models import AxisModel, axis_models, readable
 from pido.diagnosis.pair import pair_of
-from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.state import AxisState, Worn, axis_states
 
 _REMEMBER = frozenset({"thermal_drift", "tool_wear"})
 
@@ -29,23 +29,29 @@ _REMEMBER = frozenset({"thermal_drift", "tool_wear"})
 def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> PartSeries:
     """Simulation plus all findings for one part.
 
-    earlier : parts of the same machine made before this one, oldest first, where their wear or heat is carried on
+    earlier : parts of the same machine made before this one, oldest first, where their wear or heat is carried on;
+        what the diagnosed parts left behind, the model knows itself
 
-    Raises DiagnosisError where the recording has no simulated current and the model has no equation for it, or where
-    it says nothing of an axis in any sample.
+    Raises DiagnosisError where a part is given twice, the recording has no simulated current and the model has no
+    equation for it, or where it says nothing of an axis in any sample.
     """
+    _each_once([recording, *earlier])
     models = axis_models(model)
+    with readable():
+        worn, diagnosed = _worn(model, recording)
+        history = [(float(a), float(b)) for a, b in model.get("history", [])]
+        bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
+    earlier = [r for r in earlier if r.part.part not in diagnosed]
     pair = pair_of(model)
     if pair is not None:
         recording, earlier = pair.of(recording), [pair.of(r) for r in earlier]
     without = without_currents(recording)
-    bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
     mismatch: dict[str, Float1D] = {}
     scores: dict[str, Float1D] = {}
     corrected: dict[str, Float1D] = {}
     for axis, own in models.items():
-        states = axis_states([*map(without_currents, earlier), without], axis, bands=bands)
-        state = _with_history(states[-1], model)
+        states = axis_states([*map(without_currents, earlier), without], axis, bands=bands, worn=worn)
+        state = _with_history(states[-1], history)
         mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
         if not np.isfinite(corrected[axis]).any():
             raise DiagnosisError(_says_nothing(without, axis))
@@ -57,15 +63,22 @@ def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Re
 def not_told_of(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> list[int]:
     """Places in the production sequence, before this part, of parts that neither the diagnosis nor `earlier` holds,
     where a finding depends on what they left behind: heat, or wear that the part itself does not state."""
-    asked = _REMEMBER & {t.mechanism.id for m in axis_models(model).values() for t in m.terms}
-    tools = recording.part.tools.values()
-    if tools and all(tool.used_before is not None for tool in tools):
-        asked -= {"tool_wear"}
+    asked = _asked(model, recording)
     known = [o for o in (*model.get("orders", []), *(r.part.order for r in earlier)) if o is not None]
     own = recording.part.order
     if own is None or not known or not asked:
         return []
     return sorted(set(range(min(known), own)) - set(known))
+
+
+def wear_not_kept(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> bool:
+    """Whether a finding depends on wear that nothing says: the part does not state it, the model is of a version that
+    did not keep what its own parts wore off, and not all of these are in `earlier`."""
+    if "worn" in model or "tool_wear" not in _asked(model, recording):
+        return False
+    own, given = recording.part.order, {r.part.order for r in earlier}
+    before = [o for o in model.get("orders", []) if own is None or o is None or o < own]
+    return not given or any(o is not None and o not in given for o in before)
 
 
 def without_currents(recording: Recording) -> Recording:
@@ -81,6 +94,15 @@ def apply(model: AxisModel, recording: Recording, state: AxisState) -> tuple[Flo
     return effect, score(effect, model.noise_level), simulated + effect
 
 
+def _each_once(parts: Sequence[Recording]) -> None:
+    names = [r.part.part for r in parts]
+    if double := sorted({n for n in names if names.count(n) > 1}):
+        raise DiagnosisError(
+            f"part {', '.join(double)} was given more than once: what it leaves behind would count twice. Give each "
+            "part once, and with --after those made before the one that is corrected."
+        )
+
+
 def _says_nothing(recording: Recording, axis: str) -> str:
     empty = [n for n, v in recording.columns.items() if v.dtype != object and not np.isfinite(v).any()]
     return (
@@ -89,9 +111,30 @@ def _says_nothing(recording: Recording, axis: str) -> str:
     )
 
 
-def _with_history(state: AxisState, model: Mapping[str, Any]) -> AxisState:
+def _asked(model: Mapping[str, Any], recording: Recording) -> frozenset[str]:
+    """What of earlier parts the findings depend on, as far as the part does not state it itself."""
+    asked = _REMEMBER & {t.mechanism.id for m in axis_models(model).values() for t in m.terms}
+    tools = recording.part.tools.values()
+    stated = tools and all(tool.used_before is not None for tool in tools)
+    return asked - {"tool_wear"} if stated else asked
+
+
+def _worn(model: Mapping[str, Any], recording: Recording) -> tuple[Worn, frozenset[str]]:
+    """What the diagnosed parts that were made before this one had worn off, and the parts whose wear is in there or
+    comes later; nothing and none in a model of before."""
+    if "worn" not in model:
+        return {}, frozenset()
+    names, part = list(model["parts"]), recording.part
+    own, theirs = part.order, model["orders"]
+    if own is None:
+        own, theirs = part.start_time_s, [start for start, _ in model["history"]]
+    later = (i for i, other in enumerate(theirs) if own is not None and other is not None and other > own)
+    at = names.index(part.part) if part.part in names else next(later, len(names))
+    return {tool: (float(mm3), float(s)) for tool, (mm3, s) in model["worn"][at].items()}, frozenset(names)
+
+
+def _with_history(state: AxisState, history: Sequence[tuple[float, float]]) -> AxisState:
     """The state with what the diagnosis knew of the machine's running times before this part."""
-    history = [(float(a), float(b)) for a, b in model.get("history", [])]
     if state.clock is None or not history or state.earlier is None:
         return state
     before = {span for span in history if span[1] <= float(state.clock[0]) + 1e-6}

@@ -25,7 +25,7 @@ from pido.core.memory import kept_memory
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
-from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
+from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms, uneven_inputs
 from pido.diagnosis.comparable import comparable_axes, in_order, moving_s
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
@@ -42,7 +42,7 @@ from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
-from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.state import AxisState, axis_states, running, worn_before
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.timing import Delay, find_delay, shift_target
 from pido.diagnosis.unnamed import clearly_less
@@ -159,7 +159,9 @@ def _diagnose(
         model={
             **as_json(models),
             "history": _history(parts),
+            "parts": [r.part.part for r in parts],
             "orders": [r.part.order for r in parts],
+            "worn": worn_before(parts),
             "dead_bands": bands,
         },
         rejected=tuple(rejected),
@@ -200,8 +202,8 @@ def _strength(finding: Finding, models: dict[str, AxisModel]) -> float:
 
 def _history(parts: Sequence[Recording]) -> list[list[float]]:
     """When the machine was running, on its own clock, s: heat is carried on from there."""
-    known = [(r.part.start_time_s, float(r.time[-1])) for r in parts]
-    return [[s, s + d] for s, d in known if s is not None] if all(s is not None for s, _ in known) else []
+    runs = [run for r in parts if (run := running(r)) is not None]
+    return [list(run) for run in runs] if len(runs) == len(parts) else []
 
 
 @dataclass
@@ -330,6 +332,7 @@ def _settle(
         findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed))
     findings, note = one_for_many(full, noises[0], terms, found.fit.amplitudes, findings, recorded, level)
     answer.notes += [] if note is None else [note]
+    answer.notes += uneven_inputs(parts, full.axis) if full.base_names else []
     series = []
     for recording, state in zip(parts, full.states, strict=True):
         simulated = model.simulated(recording, state)

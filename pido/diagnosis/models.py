@@ -6,7 +6,8 @@ Out: `AxisModel`: simulated current and systematic mismatch of any part, from it
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,7 @@ from pido.core.columns import CURRENT_SIM
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
 from pido.diagnosis.arms import Arm, Eased
-from pido.diagnosis.baseline import equation_names, equation_rows
+from pido.diagnosis.baseline import equation_inputs, equation_names, equation_rows
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing, RingingAlong
 from pido.diagnosis.events import ExternalForce, Rhythm
@@ -69,6 +70,10 @@ class Equation:
     joint: Float1D
 
     def of(self, recording: Recording, state: AxisState, coefficients: Float1D) -> Float1D:
+        """(n,), A. Raises DiagnosisError where the part lacks a column that the equation follows from."""
+        lacking = [c for c in equation_inputs(self.names) if c not in recording or np.isnan(recording[c]).all()]
+        if lacking:
+            raise DiagnosisError(_not_without(state, "the equation", lacking))
         at = [equation_names().index(n) for n in self.names]
         return coefficients @ equation_rows(recording, state)[at]
 
@@ -131,15 +136,19 @@ class AxisModel:
         names = [n for n in follows_from if n in self.known and getattr(state, n) is None]
         if names:
             silent = [_GIVEN_BY[name].format(axis=self.axis) for name in names]
-            raise DiagnosisError(
-                f"part {state.part}: {term.name} on axis {self.axis} cannot be applied: the part lacks "
-                f"{', '.join(dict.fromkeys(silent))}, which the diagnosed parts had. Add it to the part."
-            )
+            raise DiagnosisError(_not_without(state, term.name, list(dict.fromkeys(silent))))
 
     def _limits_of(self, part: str) -> tuple[float, float]:
         every = self.limits.values()
         widest = (min((v[0] for v in every), default=-np.inf), max((v[1] for v in every), default=np.inf))
         return self.limits.get(part, widest)
+
+
+def _not_without(state: AxisState, what: str, lacking: Sequence[str]) -> str:
+    return (
+        f"part {state.part}: {what} on axis {state.axis} cannot be applied: the part lacks {', '.join(lacking)}, which "
+        "the diagnosed parts had. Add it to the part."
+    )
 
 
 def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
@@ -168,9 +177,16 @@ def as_json(models: Mapping[str, AxisModel]) -> dict[str, Any]:
 
 def axis_models(model: Mapping[str, Any]) -> dict[str, AxisModel]:
     """Back from `as_json`. Raises DiagnosisError for what this version does not know."""
-    try:
+    with readable():
         return {axis: _axis_model(axis, data) for axis, data in model["axes"].items()}
-    except (KeyError, TypeError, AttributeError) as error:
+
+
+@contextmanager
+def readable() -> Iterator[None]:
+    """Raises DiagnosisError where what is read of a model in this block is not there, or of another kind."""
+    try:
+        yield
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
         raise DiagnosisError(
             f"the model of this diagnosis is damaged ({error!r}). Run 'pido diagnose' again."
         ) from None

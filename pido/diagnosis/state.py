@@ -24,6 +24,9 @@ from pido.diagnosis.bands import LINEAR_DEAD_BAND, dead_bands, numbers, speed_of
 from pido.diagnosis.faults import beyond_load, displaced, faulty
 from pido.physics.friction import held_direction
 
+Worn = Mapping[str, tuple[float, float]]
+"""Tool ('' where nothing says which) -> mm³, s that its present edge has cut."""
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -137,25 +140,44 @@ def axis_states(
     axis: str,
     machine: Machine | None = None,
     bands: Mapping[str, float] | None = None,
+    worn: Worn | None = None,
 ) -> tuple[AxisState, ...]:
     """The state of one axis in every part; wear and the machine's clock are carried from part to part.
 
     recordings : in production order
     machine : gives dead bands, leads and the vertical axis where a part's own data do not
     bands : the dead bands of `dead_bands` where they were read before, from other parts of the same machine
+    worn : what the tools had cut before the first of the recordings
     """
     bands = dead_bands(recordings, machine, bands)
-    worn: dict[str, tuple[float, float]] = {}
+    carried = dict(worn or {})
     past: list[tuple[float, float]] = []
     clock_known = True
     states = []
     for recording in recordings:
         clock_known &= recording.part.start_time_s is not None
-        states.append(_state(recording, axis, machine, bands, worn, tuple(past) if clock_known else None))
-        start = recording.part.start_time_s
-        if start is not None:
-            past.append((start, start + float(recording.time[-1])))
+        states.append(_state(recording, axis, machine, bands, carried, tuple(past) if clock_known else None))
+        if (run := running(recording)) is not None:
+            past.append(run)
     return tuple(states)
+
+
+def running(recording: Recording) -> tuple[float, float] | None:
+    """First and last sample on the machine's clock, s, wherever its own time begins; None where no part.json says."""
+    start = recording.part.start_time_s
+    return None if start is None else (start, start + float(recording.time[-1] - recording.time[0]))
+
+
+def worn_before(recordings: Sequence[Recording]) -> list[Worn]:
+    """What the tools had cut before each of the recordings, which are in production order, and after the last."""
+    worn: dict[str, tuple[float, float]] = {}
+    found: list[Worn] = [{}]
+    for recording in recordings:
+        mrr = numbers(recording, "mrr_sim")
+        engaged = _engaged(mrr, numbers(recording, "m_sp_sim"), _forces(recording))
+        _wear(recording, _tool(recording), mrr, engaged, worn)
+        found.append(dict(worn))
+    return found
 
 
 def _state(
@@ -172,7 +194,7 @@ def _state(
     own = recorded or Motion(still, still, still, still.astype(bool), still)
     pos = _position(recording, axis)
     since, since_s, segment = _since_reversal(time, own, pos)
-    forces = {a: f for a in LINEAR_AXES if (f := numbers(recording, FORCE_SIM[a])) is not None}
+    forces = _forces(recording)
     across = [f for a, f in forces.items() if a != axis]
     complete = len(across) == len([a for a in LINEAR_AXES if a != axis])
     m_sp, mrr = numbers(recording, "m_sp_sim"), numbers(recording, "mrr_sim")
@@ -192,7 +214,7 @@ def _state(
     if machine is not None:
         lead = machine.ball_screw_lead_mm.get(axis) if lead is None else lead
         vertical = machine.vertical_axis if vertical is None else vertical
-    clock = None if info.start_time_s is None else info.start_time_s + time
+    clock = None if info.start_time_s is None else info.start_time_s + time - time[:1]
     usable = np.isfinite(own.v) & np.isfinite(own.a) & ~beyond_load(recording)
     if own.wrong is not None:
         usable &= ~own.wrong
@@ -286,6 +308,11 @@ def _since_reversal(time: Float1D, own: Motion, pos: Float1D | None) -> tuple[Fl
     since = np.where(at >= 0, way - (way[origin] + way[np.maximum(at, 0)]) / 2, np.inf)
     since_s = np.where(at >= 0, time - (time[origin] + time[np.maximum(at, 0)]) / 2, np.inf)
     return since, since_s, np.cumsum(turns).astype(float)
+
+
+def _forces(recording: Recording) -> dict[str, Float1D]:
+    """Simulated force along every linear axis that has one, N."""
+    return {a: f for a in LINEAR_AXES if (f := numbers(recording, FORCE_SIM[a])) is not None}
 
 
 def _engaged(mrr: Float1D | None, m_sp: Float1D | None, forces: Mapping[str, Float1D]) -> Bool1D | None:

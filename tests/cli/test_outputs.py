@@ -8,7 +8,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis import contract
-from pido.diagnosis.finding import Diagnosis
+from pido.diagnosis.finding import Diagnosis, PartSeries
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.models import AxisModel, as_json
 from pido.diagnosis.terms import Term
@@ -196,7 +196,38 @@ def test_a_place_that_cannot_be_written_is_said_before_anything_is_read(words, p
     assert "cannot be written" in err
 
 
-@pytest.mark.parametrize("file", ["diagnosis.json", "model.json"])
+@pytest.mark.parametrize("name", ["c.csv", "c.CSV", "c.json"])
+def test_a_correction_is_not_written_under_the_name_of_another_format(name, place, call):
+    code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / name)
+    assert code == 2
+    assert "NAME.parquet is written" in err
+    assert not (place / name).exists()
+
+
+@pytest.mark.parametrize("file", ["diagnosis.json", "model.json", "parts/p09.parquet", "parts"])
 def test_a_file_of_a_diagnosis_stands_for_its_folder(file, place, call):
+    series = PartSeries(np.zeros(1), {"x": np.zeros(1)}, {"x": np.zeros(1)}, {"x": np.zeros(1)})
+    contract.write_series(series, place / "diagnosis" / "parts" / "p09.parquet")
     code, _, err = call("correct", place / "diagnosis" / file, place / "p01", "--out", place / "c.parquet")
     assert code == 0, err
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"axes": {"x": {"delay": []}}},
+        {"axes": {"x": {"delay": ["soon", 0.0]}}},
+        {"axes": {"x": {"noise_level": "low"}}},
+        {"history": [[1.0]]},
+        {"worn": [], "parts": [], "orders": [], "history": []},
+    ],
+)
+def test_a_model_that_is_damaged_is_said_to_be(damage, place, call):
+    file = place / "diagnosis" / "model.json"
+    model = json.loads(file.read_text())
+    model["axes"]["x"] |= damage.pop("axes", {}).get("x", {})
+    file.write_text(json.dumps(model | damage))
+    code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert code == 1
+    assert err.startswith("pido: the model of this diagnosis is damaged")
+    assert "Run 'pido diagnose' again." in err

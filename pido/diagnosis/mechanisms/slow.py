@@ -50,7 +50,8 @@ class ThermalDrift(Mechanism):
         elif round(clock) == 3:
             cold = coldness(np.maximum(state.clock, 0.0), tau)
         else:
-            cold = coldness(state.time, tau, coldness_after(state.earlier, float(state.clock[0]), tau))
+            start = float(state.clock[0])
+            cold = coldness(state.clock - start, tau, coldness_after(state.earlier, start, tau))
         level = 1.0 - cold if round(rises) == 1 else cold
         factor = (np.ones(len(cold)), direction(state), state.v * state.moving)[which(along, 3)]
         return column(level * factor)
