@@ -226,6 +226,8 @@ def _answers(
         if len(x) >= length:
             cross = cross + dsp.csd(x, y, rate, nperseg=length)[1]
             own = own + dsp.welch(x, rate, nperseg=length)[1]
+    if not np.any(own):
+        return []  # on this clock every part is shorter
     coherent = np.abs(cross) ** 2 / np.maximum(own, 1e-12 * np.max(own))
     met = (f > _SLOWEST_HZ) & (f < _FASTEST * rate)
     coherent = np.where(met, coherent, 0.0)
