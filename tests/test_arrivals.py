@@ -136,13 +136,16 @@ def test_a_watched_inbox_is_emptied_each_part_counted_once_and_bad_input_put_asi
     for name in ("first", "the same under another name"):
         write_folder(part, root / "inbox" / name)
     (root / "inbox" / "torn.json").write_text('{"Header": ')
+    for name, about in (("deep", "[" * 100_000), ("huge", '{"part": "p", "machine": "m", "order": 1%s}' % ("0" * 400))):
+        shutil.copytree(root / "inbox" / "first", root / "inbox" / name)
+        (root / "inbox" / name / "part.json").write_text(about)
     call = [sys.executable, "-m", "pido.cli", "watch", str(root / "inbox"), "--workspace", str(root), "--once"]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     workspace = Workspace.open(root)
     assert list((root / "inbox").iterdir()) == []
     assert len(Ledger(workspace.ledger).parts("cmx600v")) == 1
-    assert [a.name for a in Ledger(workspace.ledger).rejections()] == ["torn.json"]
+    assert sorted(a.name for a in Ledger(workspace.ledger).rejections()) == ["deep", "huge", "torn.json"]
 
 
 def one_part(tmp_path: Path) -> tuple[Workspace, Path]:
