@@ -38,7 +38,7 @@ from pido.monitoring.forest import quick
 from pido.monitoring.likeness import looks_like
 from pido.monitoring.records import followed_as
 from pido.monitoring.standing import explained, other_end
-from pido.parts import machine_of, recipe_of
+from pido.parts import machine_of
 from pido.physics.friction import held_direction
 from pido.process.quantities import area_removal
 from pido.process.samples import engaged
@@ -213,9 +213,9 @@ def follow_file(
 
 
 def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
-    near = support(workspace, expect.bundle.content["parts"], recipe_of(workspace))
-    by_axis = {axis: quick(model) for axis, model in expect.models.models.items()}
     kind, machine = expect.models.inputs, machine_of(workspace, expect.machine)
+    near = support(workspace, expect.bundle.content["parts"], kind)
+    by_axis = {axis: quick(model) for axis, model in expect.models.models.items()}
 
     def predict(samples: Samples) -> tuple[Said, Float1D, Float2D]:
         columns = model_inputs(samples, kind)
