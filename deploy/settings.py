@@ -72,7 +72,8 @@ class PlantSettings:
 
 
 def load(folder: Path) -> PlantSettings:
-    """The settings for a plant in `folder`. Missing secrets are made once and kept there, readable by the owner alone.
+    """The settings for a plant in `folder`. Missing secrets of a new one are made and kept there, readable by the owner
+    alone; one that has a database was made with its secrets.
 
     Raises SettingsError naming every value that is missing or is no port number.
     """
@@ -113,6 +114,11 @@ def _secrets(folder: Path) -> dict[str, str]:
     path = folder / "secrets.env"
     known = read_env(path) if path.exists() else {}
     missing = [name for name in SECRETS if name not in known and not os.environ.get(name)]
+    if missing and (folder / "postgres" / "PG_VERSION").exists():
+        raise SettingsError(
+            f"{folder}: this plant was made with passwords that are not in {path.name}: {', '.join(missing)}. Set "
+            "them in the environment, as where it was started."
+        )
     if missing:
         known |= {name: secrets.token_urlsafe(24) for name in missing}
         write_atomically(path, "".join(f"{name}={value}\n" for name, value in known.items()), 0o600)

@@ -108,6 +108,18 @@ def test_missing_secrets_are_made_once_and_readable_by_the_owner_alone(settings,
     assert len({settings.postgres_password, settings.prefect_password, settings.mlflow_password}) == 3
 
 
+def test_no_secret_is_made_for_a_plant_whose_database_has_one_already(tmp_path, monkeypatch):
+    for name in SECRETS:
+        monkeypatch.setenv(name, "ours")
+    (tmp_path / "postgres").mkdir()
+    (tmp_path / "postgres" / "PG_VERSION").write_text("15\n")
+    assert load(tmp_path).postgres_password == "ours"
+    monkeypatch.delenv("PIDO_MLFLOW_PASSWORD")
+    with pytest.raises(PidoError, match=r"not in secrets.env: PIDO_MLFLOW_PASSWORD\. Set them in the environment"):
+        load(tmp_path)
+    assert not (tmp_path / "secrets.env").exists()
+
+
 def test_a_port_that_is_none_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("PIDO_MLFLOW_PORT", "http")
     with pytest.raises(PidoError, match="PIDO_MLFLOW_PORT = 'http'"):
