@@ -160,8 +160,8 @@ def _up(folder: Path) -> None:
     signal.signal(signal.SIGTERM, leave)
     try:
         with Plant(settings) as plant:
-            click.echo(f"Prefect   {settings.prefect_api.removesuffix('/api')}   (login {settings.prefect_user})")
-            click.echo(f"MLflow    {settings.mlflow_uri}   (login {settings.mlflow_user})")
+            click.echo(f"Prefect   {settings.prefect_page}   (login {settings.prefect_user})")
+            click.echo(f"MLflow    {settings.mlflow_page}   (login {settings.mlflow_user})")
             click.echo(f"inbox     {settings.workspace / 'inbox'}")
             kept = settings.folder / "secrets.env"
             click.echo(f"passwords {kept if kept.exists() else 'from the environment'}")
