@@ -1,7 +1,8 @@
 """First process of a container: completes addresses of databases, writes MLflow's login file, becomes the command.
 
 In:  the environment: PIDO_POSTGRES_USER and PIDO_POSTGRES_PASSWORD, which take the place of {login} in other values;
-PIDO_MLFLOW_AUTH_DATABASE, where the container is MLflow's. Out: never; the command takes its place.
+PIDO_MLFLOW_AUTH_DATABASE, where the container is MLflow's; PIDO_HOST, where it has pages. Out: never; the command takes
+its place.
 """
 
 from __future__ import annotations
@@ -11,6 +12,13 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
+
+EVERYWHERE = ("0.0.0.0", "::")
+"""Addresses to listen on, by which nobody can be called."""
+NO_HOST = (
+    "is every address of this machine, and none that a browser could call. Set PIDO_HOST to the name or address by "
+    "which others call this machine, such as plant-pc or 192.168.1.20"
+)
 
 
 def login(user: str, password: str) -> str:
@@ -43,6 +51,8 @@ def login_file(database: str, admin: str) -> str:
 
 def main() -> None:
     environment = with_login(os.environ)
+    if (host := environment.get("PIDO_HOST")) in EVERYWHERE:
+        sys.exit(f"PIDO_BIND = {host} {NO_HOST}.")
     database = environment.pop("PIDO_MLFLOW_AUTH_DATABASE", None)
     if database:
         path = Path(environment["MLFLOW_AUTH_CONFIG_PATH"])

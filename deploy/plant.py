@@ -160,10 +160,11 @@ def _up(folder: Path) -> None:
     signal.signal(signal.SIGTERM, leave)
     try:
         with Plant(settings) as plant:
-            click.echo(f"Prefect   {settings.prefect_api.removesuffix('/api')}   (login {settings.prefect_user})")
-            click.echo(f"MLflow    {settings.mlflow_uri}   (login {settings.mlflow_user})")
+            click.echo(f"Prefect   {settings.prefect_page}   (login {settings.prefect_user})")
+            click.echo(f"MLflow    {settings.mlflow_page}   (login {settings.mlflow_user})")
             click.echo(f"inbox     {settings.workspace / 'inbox'}")
-            click.echo(f"passwords {settings.folder / 'secrets.env'}")
+            kept = settings.folder / "secrets.env"
+            click.echo(f"passwords {kept if kept.exists() else 'from the environment'}")
             sys.stdout.flush()
             while True:
                 time.sleep(1.0)
@@ -178,15 +179,25 @@ def _database(settings: PlantSettings) -> Iterator[PlantSettings]:
     from deploy import postgres
 
     running = settings.folder / "postgres" / "postmaster.pid"
-    if running.exists():  # line 4 is the port that it listens on
-        lines = running.read_text(encoding="utf-8").splitlines()
-        here = replace(settings, postgres_port=int(lines[3])) if len(lines) > 3 else settings
+    lines = running.read_text(encoding="utf-8").splitlines() if running.exists() else []
+    if len(lines) > 3 and _lives(int(lines[0])):  # line 1 is its process, line 4 the port that it listens on
+        here = replace(settings, postgres_port=int(lines[3]))
         if postgres.ready(here):
             yield here
             return
     settings = with_free_ports(settings)
     with Plant(settings, only=("postgres",)):
         yield settings
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass  # somebody else's
+    return True
 
 
 def _free(port: int) -> bool:

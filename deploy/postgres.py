@@ -79,7 +79,7 @@ def command(settings: PlantSettings) -> list[str]:
 
 
 def ready(settings: PlantSettings) -> bool:
-    """Whether it answers; makes the databases that are missing."""
+    """Whether it answers; makes the databases that are missing. Raises SettingsError where it refuses the password."""
     import psycopg2
 
     try:
@@ -87,8 +87,13 @@ def ready(settings: PlantSettings) -> bool:
             host="127.0.0.1", port=settings.postgres_port, user=settings.postgres_user,
             password=settings.postgres_password, dbname="postgres", connect_timeout=3,
         )  # fmt: skip
-    except psycopg2.OperationalError:
-        return False
+    except psycopg2.OperationalError as error:
+        if "authentication failed" not in str(error):
+            return False
+        raise SettingsError(
+            f"{settings.folder / 'postgres'}: refuses the password of user '{settings.postgres_user}'. Set "
+            "PIDO_POSTGRES_PASSWORD, or the line in secrets.env, to the one that this plant was made with."
+        ) from None
     try:
         connection.autocommit = True
         with connection.cursor() as cursor:

@@ -54,6 +54,7 @@ def services(settings: PlantSettings) -> list[Service]:
                 "PREFECT_HOME": str(settings.folder / "prefect"),
                 "PREFECT_SERVER_DATABASE_CONNECTION_URL": settings.database("prefect", "asyncpg"),
                 "PREFECT_SERVER_API_AUTH_STRING": f"{settings.prefect_user}:{settings.prefect_password}",
+                "PREFECT_SERVER_UI_API_URL": f"{settings.prefect_page}/api",
                 "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
                 "PREFECT_LOGGING_SERVER_LEVEL": "WARNING",
             },
@@ -62,7 +63,9 @@ def services(settings: PlantSettings) -> list[Service]:
         Service(
             "mlflow",
             [python, "-m", "mlflow", "server", "--host", bind, "--port", str(settings.mlflow_port), "--workers", "1",
-             "--app-name", "basic-auth", "--artifacts-destination", str(settings.folder / "mlartifacts")],
+             "--app-name", "basic-auth", "--artifacts-destination", str(settings.folder / "mlartifacts"),
+             "--allowed-hosts", ",".join(f"{name}:{settings.mlflow_port}" for name in _names(settings)),
+             "--cors-allowed-origins", settings.mlflow_page],
             {
                 "MLFLOW_BACKEND_STORE_URI": settings.database("mlflow", "psycopg2"),
                 "MLFLOW_AUTH_CONFIG_PATH": str(_mlflow_login(settings)),
@@ -89,6 +92,11 @@ def services(settings: PlantSettings) -> list[Service]:
             lambda: (workspace / "watcher.alive").exists(),
         ),
     ]  # fmt: skip
+
+
+def _names(settings: PlantSettings) -> list[str]:
+    """By which MLflow lets itself be called."""
+    return sorted({settings.host, settings.here, "127.0.0.1", "localhost"})
 
 
 def _mlflow_login(settings: PlantSettings) -> Path:

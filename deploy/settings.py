@@ -11,7 +11,7 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from deploy.entry import login
+from deploy.entry import EVERYWHERE, NO_HOST, login
 from pido.core.errors import SettingsError
 from pido.core.files import write_atomically
 
@@ -22,10 +22,15 @@ DATABASES = ("prefect", "mlflow", "mlflow_auth")
 
 @dataclass(frozen=True, slots=True)
 class PlantSettings:
-    """Where the services listen and who may use them. `folder` holds everything that they write."""
+    """Where the services listen and who may use them. `folder` holds everything that they write.
+
+    bind : the address that they listen on
+    host : the name or address by which browsers call them
+    """
 
     folder: Path
     bind: str
+    host: str
     postgres_port: int
     prefect_port: int
     mlflow_port: int
@@ -43,12 +48,25 @@ class PlantSettings:
         return self.folder / "workspace"
 
     @property
+    def here(self) -> str:
+        """By which worker and watcher, on this machine, call the services."""
+        return "127.0.0.1" if self.bind in EVERYWHERE else self.bind
+
+    @property
     def prefect_api(self) -> str:
-        return f"http://{self.bind}:{self.prefect_port}/api"
+        return f"http://{self.here}:{self.prefect_port}/api"
 
     @property
     def mlflow_uri(self) -> str:
-        return f"http://{self.bind}:{self.mlflow_port}"
+        return f"http://{self.here}:{self.mlflow_port}"
+
+    @property
+    def prefect_page(self) -> str:
+        return f"http://{self.host}:{self.prefect_port}"
+
+    @property
+    def mlflow_page(self) -> str:
+        return f"http://{self.host}:{self.mlflow_port}"
 
     def database(self, name: str, driver: str) -> str:
         """Address of a database for SQLAlchemy."""
@@ -72,19 +90,23 @@ class PlantSettings:
 
 
 def load(folder: Path) -> PlantSettings:
-    """The settings for a plant in `folder`. Missing secrets are made once and kept there, readable by the owner alone.
+    """The settings for a plant in `folder`. Missing secrets of a new one are made and kept there, readable by the owner
+    alone; one that has a database was made with its secrets.
 
-    Raises SettingsError naming every value that is missing or is no port number.
+    Raises SettingsError naming every value that is missing, is no port number, or is no address to be called by.
     """
     folder = folder.absolute()
     values = {**read_env(FILE), **{k: v for k, v in os.environ.items() if k.startswith("PIDO_")}}
     values |= {k: v for k, v in _secrets(folder).items() if not os.environ.get(k)}
+    values["PIDO_HOST"] = values.get("PIDO_HOST") or values.get("PIDO_BIND", "")
     faults = []
     fields: dict[str, str | int] = {}
     for name in (f.name for f in dataclasses.fields(PlantSettings) if f.name != "folder"):
         value = values.get(f"PIDO_{name.upper()}", "")
         if not value:
             faults.append(f"PIDO_{name.upper()} is missing")
+        elif name == "host" and value in EVERYWHERE:
+            faults.append(f"PIDO_BIND = {value} {NO_HOST}")
         elif name.endswith("_port"):
             if not value.isdigit() or not 0 < int(value) < 65536:
                 faults.append(f"PIDO_{name.upper()} = {value!r} is no port number (1 to 65535)")
@@ -113,6 +135,11 @@ def _secrets(folder: Path) -> dict[str, str]:
     path = folder / "secrets.env"
     known = read_env(path) if path.exists() else {}
     missing = [name for name in SECRETS if name not in known and not os.environ.get(name)]
+    if missing and (folder / "postgres" / "PG_VERSION").exists():
+        raise SettingsError(
+            f"{folder}: this plant was made with passwords that are not in {path.name}: {', '.join(missing)}. Set "
+            "them in the environment, as where it was started."
+        )
     if missing:
         known |= {name: secrets.token_urlsafe(24) for name in missing}
         write_atomically(path, "".join(f"{name}={value}\n" for name, value in known.items()), 0o600)

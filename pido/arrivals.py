@@ -9,11 +9,12 @@ clock is used, so a clock that jumps changes nothing.
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+import orjson
 
 from pido.core.errors import StoreError
 from pido.workspace import arrival_digest, digest_of
@@ -73,9 +74,7 @@ class Inbox:
         if not self.folder.is_dir():
             raise StoreError(f"{self.folder}: no such inbox. Make the folder, or name another one.")
         return [
-            p
-            for p in self.folder.iterdir()
-            if not p.name.startswith(".") and not p.name.lower().endswith(UNFINISHED) and not p.is_symlink()
+            p for p in self.folder.iterdir() if not p.name.startswith(".") and not p.name.lower().endswith(UNFINISHED)
         ]
 
 
@@ -83,8 +82,11 @@ def production_order(path: Path) -> tuple[float, float, list[tuple[int, int, str
     """Sort key of a part that was not read yet: `order` and `start_time_s` of its part.json, then its name, with
     numbers in it read as numbers (`part 9` before `part 10`)."""
     order = start = float("inf")
+    about = path / "part.json"
     try:
-        info = json.loads((path / "part.json").read_text(encoding="utf-8"))
+        if path.is_symlink() or about.is_symlink() or not about.is_file():
+            raise FileNotFoundError(about)
+        info = orjson.loads(about.read_bytes())  # nested without end, or no float: a ValueError
         order = float(info.get("order", info.get("production_order", order)))
         start = float(info.get("start_time_s", start))
     except (OSError, ValueError, TypeError, AttributeError):
@@ -96,7 +98,7 @@ def production_order(path: Path) -> tuple[float, float, list[tuple[int, int, str
 def _state(path: Path) -> tuple[tuple[str, int, int, int], ...] | None:
     """Name, size, time of change and inode of a file, or of all that is in a folder; None if it vanished."""
     try:
-        inside = sorted(path.rglob("*")) if path.is_dir() else []
+        inside = sorted(path.rglob("*")) if path.is_dir() and not path.is_symlink() else []
         return tuple(
             (str(p), s.st_size, s.st_mtime_ns, s.st_ino)
             for p in (path, *inside)
@@ -109,7 +111,8 @@ def _state(path: Path) -> tuple[tuple[str, int, int, int], ...] | None:
 def _digest(path: Path) -> str:
     """The digest, or '' while the file cannot be read yet (it may still be locked by its writer).
 
-    What is refused for what it is (a link inside) is handed on under a digest of its name: whoever takes it says why.
+    What is refused for what it is (a link, or one inside) is handed on under a digest of its name: whoever takes it
+    says why.
     """
     try:
         return arrival_digest(path)

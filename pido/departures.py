@@ -13,10 +13,11 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
-from pido.core.errors import StoreError
+from pido.core.errors import StoreError, UnavailableError
+from pido.core.files import refusal
 from pido.store import Store
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace, arrival_digest, digest_of
@@ -34,7 +35,10 @@ def key_of(path: Path) -> str:
 
 
 def put_away(workspace: Workspace, path: Path, key: str) -> Path | None:
-    """Move the arrival `key` out of the inbox. Where another one lies at `path`, or none, nothing changes: None."""
+    """Move the arrival `key` out of the inbox. Where another one lies at `path`, or none, nothing changes: None.
+
+    Raises Stuck for what may not be moved.
+    """
     with _apart(workspace, path, key) as own:
         if own is None:
             return None
@@ -52,12 +56,25 @@ def reject(workspace: Workspace, path: Path, key: str, reason: str, move: bool) 
     `path`, or none, nothing changes: None.
 
     move : out of the inbox; else it is a user's own file, and a copy is put there
+    Raises Stuck, with the reason, for what may not be moved: a copy of it is put there once.
     """
-    with _apart(workspace, path, key) if move else _copied(workspace, path, key) as own:
-        if own is None:
-            return None
-        Ledger(workspace.ledger).rejected(key, path.name, reason)
-        return Store(workspace.store).reject(own, reason, source=path)
+    ledger, store = Ledger(workspace.ledger), Store(workspace.store)
+    known = ledger.arrival(key)
+    try:
+        with _apart(workspace, path, key) if move else _copied(workspace, path, key) as own:
+            if own is None:
+                return None
+            if known is None or known.part is None or not store.has(known.part):  # else it stays that part
+                ledger.rejected(key, path.name, reason)
+            return store.reject(own, reason, source=path)
+    except Stuck as stuck:
+        if known is None or (known.state == "rejected" and known.reason != reason):
+            reject(workspace, path, key, reason, move=False)
+        raise Stuck(f"{reason} {stuck}") from None
+
+
+class Stuck(UnavailableError):
+    """An arrival that may not be taken out of the inbox."""
 
 
 def bring_back(workspace: Workspace, inbox: Path) -> bool:
@@ -89,11 +106,19 @@ def _apart(workspace: Workspace, path: Path, key: str) -> Iterator[Path | None]:
         place = Path(tempfile.mkdtemp(prefix=_APART, dir=path.parent))
         own = place / path.name
         try:
-            with suppress(FileNotFoundError):
-                path.rename(own)
+            _take_out(path, own)
             yield own if _is(own, key) else None
         finally:
             _back(place)
+
+
+def _take_out(path: Path, own: Path) -> None:
+    try:
+        path.rename(own)
+    except FileNotFoundError:
+        pass  # gone meanwhile
+    except OSError as error:  # a folder of somebody else's, in which nothing may be changed
+        raise Stuck(f"It stays in the inbox. {refusal(error)}") from None
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from pido.preparation import job_of, prepare
 from pido.recordings import read_recording
 from pido.recordings.check import check, usable_mask
 from pido.recordings.faults import ERROR
+from pido.recordings.folder import says_machine
 from pido.recordings.resample import resample
 from pido.store import Entry, Store
 from pido.tracking.ledger import Ledger
@@ -43,16 +44,20 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     """Take an arrival in: {'machine', 'part' (digest), 'name', 'new', 'key'}. A known one changes nothing.
 
     key : the digest of what arrived; by it the arrival leaves the inbox (`pido.departures`)
-    Raises Refused for what cannot be used, again for what was rejected before; Changed for what is not at rest;
+    Raises Refused for what cannot be used, again for what was rejected before, and for what another machine than the
+    one it goes by has already; Changed for what is not at rest;
     UnavailableError or SettingsError where disk or settings are at fault, and not the part.
     """
     workspace = Workspace.open(root)
     ledger, store, place = Ledger(workspace.ledger), Store(workspace.store), Path(path)
     untouched, key = _marks(place), key_of(place)
     known = ledger.arrival(key)
-    if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
-        return _answer(entry_of(workspace, known.part), key)
     named = machine or workspace.settings.machine
+    if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
+        entry = entry_of(workspace, known.part)
+        if named not in (None, entry.machine) and not says_machine(place):
+            raise Refused(_elsewhere(place, entry, named), key)
+        return _answer(entry, key)
     if named is not None:
         machine_of(workspace, named)  # a wrong name in the settings is no fault of the parts that go by it
     from pido.store.content import digest
@@ -157,6 +162,15 @@ def recipe_of(workspace: Workspace) -> Recipe:
     return Recipe(method.build(), method.estimators, method.inputs)
 
 
+def _elsewhere(path: Path, entry: Entry, named: str) -> str:
+    return (
+        f"{path}: these bytes are part '{entry.part}' of machine '{entry.machine}' already, and stay so; now they come "
+        f"as '{named}'. If they are of '{named}', bring them as a part folder whose part.json says it; "
+        f"'{entry.machine}' has learnt from them, until a backup from before is restored. If not, name "
+        f"'{entry.machine}' with --machine."
+    )
+
+
 def _answer(entry: Entry, key: str) -> dict[str, Any]:
     return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": entry.new, "key": key}
 
@@ -164,7 +178,7 @@ def _answer(entry: Entry, key: str) -> dict[str, Any]:
 def _marks(path: Path) -> list[tuple[str, int, int, int]]:
     """Name, inode and times of all that arrived: whatever writes, replaces or renames a file changes them."""
     found = []
-    for file in sorted([path, *path.rglob("*")]):
+    for file in sorted([path, *(() if path.is_symlink() else path.rglob("*"))]):
         with suppress(FileNotFoundError):  # gone meanwhile: a change as well
             s = file.lstat()
             found.append((str(file), s.st_ino, s.st_mtime_ns, s.st_ctime_ns))

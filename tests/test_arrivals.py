@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -109,6 +110,18 @@ def test_a_symbolic_link_is_refused_not_followed(tmp_path):
         arrival_digest(tmp_path / "p")
 
 
+@pytest.mark.parametrize("linked", ["p", "p/part.json"])
+def test_nothing_that_a_link_points_at_decides_the_order_of_parts(tmp_path, linked):
+    part = tmp_path / "real" / "p"
+    part.mkdir(parents=True)
+    (part / "part.json").write_text('{"order": 1}')
+    assert production_order(part)[0] == 1
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p").rmdir() if linked == "p" else None
+    (tmp_path / linked).symlink_to(tmp_path / "real" / linked)
+    assert production_order(tmp_path / "p")[0] == float("inf")
+
+
 def test_a_part_with_a_link_in_it_does_not_stop_the_watch(tmp_path):
     (tmp_path / "p").mkdir()
     (tmp_path / "p" / "recording.parquet").symlink_to("/etc/hostname")
@@ -136,13 +149,23 @@ def test_a_watched_inbox_is_emptied_each_part_counted_once_and_bad_input_put_asi
     for name in ("first", "the same under another name"):
         write_folder(part, root / "inbox" / name)
     (root / "inbox" / "torn.json").write_text('{"Header": ')
+    (root / "elsewhere").mkdir()
+    for name, target in (("link", root / "elsewhere"), ("loose", "nowhere")):
+        (root / "inbox" / name).symlink_to(target)
+    for name, about in (("deep", "[" * 100_000), ("huge", '{"part": "p", "machine": "m", "order": 1%s}' % ("0" * 400))):
+        shutil.copytree(root / "inbox" / "first", root / "inbox" / name)
+        (root / "inbox" / name / "part.json").write_text(about)
     call = [sys.executable, "-m", "pido.cli", "watch", str(root / "inbox"), "--workspace", str(root), "--once"]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     workspace = Workspace.open(root)
     assert list((root / "inbox").iterdir()) == []
     assert len(Ledger(workspace.ledger).parts("cmx600v")) == 1
-    assert [a.name for a in Ledger(workspace.ledger).rejections()] == ["torn.json"]
+    rejections = {a.name: a.reason for a in Ledger(workspace.ledger).rejections()}
+    assert sorted(rejections) == ["deep", "huge", "link", "loose", "torn.json"]
+    assert "symbolic links are not followed" in rejections["link"]
+    assert (root / "store" / "rejected" / "link").is_symlink()
+    assert (root / "elsewhere").is_dir()
 
 
 def one_part(tmp_path: Path) -> tuple[Workspace, Path]:
@@ -207,6 +230,28 @@ def test_a_part_is_rejected_for_a_fault_of_its_own_part_json(tmp_path, key, valu
     answer = run(workspace, [arrived], None, lambda *about: None, from_inbox=True)
     assert named in answer["rejected"][0]["reason"]
     assert not arrived.exists()
+
+
+def test_what_one_machine_has_is_not_silently_known_when_it_comes_as_anothers(tmp_path):
+    workspace, folder = one_part(tmp_path)
+    csv = workspace.inbox / "part.csv"
+
+    def brought(machine: str) -> dict:
+        pd.DataFrame(dict(next(iter(made_up(1))).rows(slice(0, 400)).columns)).to_csv(csv, index=False)
+        return run(workspace, [csv], machine, lambda *about: None, from_inbox=True)
+
+    assert brought("cmx600v")["done"]
+    for _ in range(2):
+        answer = brought("dmc60h")
+        assert "part 'part' of machine 'cmx600v' already" in answer["rejected"][0]["reason"]
+        assert "part.json" in answer["rejected"][0]["reason"]
+    assert brought("cmx600v") == {"done": [], "rejected": [], "fault": ""}
+    assert not csv.exists()
+    assert [e.machine for e in Store(workspace.store).entries()] == ["cmx600v"]
+    for machine in (None, "dmc60h"):  # it names its own
+        shutil.copytree(folder, tmp_path / "copy")
+        assert parts.ingest(str(workspace.root), str(tmp_path / "copy"), machine)["machine"] == "cmx600v"
+        shutil.rmtree(tmp_path / "copy")
 
 
 def test_a_ledger_whose_making_was_cut_off_is_finished_by_the_next_one(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
 import sys
 import threading
@@ -72,7 +73,7 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
         take(arrived)
         if due():
             _tell_mlflow(workspace)
-        left = [one for one in arrived if one.path.exists()]
+        left = [one for one in arrived if os.path.lexists(one.path)]
         waiting |= held and not left
         if once and not waiting and all(backlog.reason(one) for one in left):
             if left:
@@ -84,6 +85,7 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
 
 def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog) -> Callable[[list[Arrived]], None]:
     from pido.core.errors import PidoError
+    from pido.core.files import refusal
     from pido.plain import run
 
     grace = 5 * workspace.settings.settle_s
@@ -95,11 +97,12 @@ def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog
                 answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
             except Exception as error:  # a fault of this program that one part meets holds up no other
                 expected = isinstance(error, PidoError | OSError)
+                said = refusal(error) if isinstance(error, OSError) else str(error)
                 name = type(error).__name__
-                reason = str(error) or name if expected else f"internal error ({name}: {error})"
+                reason = said or name if expected else f"internal error ({name}: {error})"
                 again = backlog.tried(one, reason)
-                said = "%s is still to be done, and tried again in %.0f s: %s"
-                log.warning(said, one.path.name, again, reason, exc_info=not expected)
+                line = "%s is still to be done, and tried again in %.0f s: %s"
+                log.warning(line, one.path.name, again, reason, exc_info=not expected)
                 continue
             for done in answer["done"]:
                 log.info("%s: version %d of %s", one.path.name, done["version"], done["machine"])

@@ -31,7 +31,7 @@ from pido.monitoring.answers import to_calibrate_on
 from pido.monitoring.band import Band, learn
 from pido.monitoring.likeness import looks_like
 from pido.monitoring.residuals import PartResiduals
-from pido.parts import at_rate, look_at, machine_of, recipe_of, samples_of
+from pido.parts import at_rate, look_at, machine_of, samples_of
 from pido.store import Store
 from pido.supervision.book import Book, alarm_id
 from pido.supervision.residuals import Said, held_out, known_residuals, on_the_clock, support
@@ -148,7 +148,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
     expect = Expectation.of(workspace, machine)
     notes = list(expect.notes)
     if digest in expect.bundle.content["parts"]:
-        earlier = held_out(workspace, machine, digest)
+        earlier = held_out(workspace, machine, digest, expect.models.inputs)
         if earlier is None:
             raise StoreError(
                 f"part {recording.part.part}: {expect.model} was trained on it, and what was expected of it before is "
@@ -220,7 +220,7 @@ class Expectation:
 
     def distance(self, inputs: np.ndarray) -> Float1D:
         """(n,): how far model inputs lie from the rows that this model was trained on."""
-        return support(self.workspace, self.bundle.content["parts"], recipe_of(self.workspace)).distance(inputs)
+        return support(self.workspace, self.bundle.content["parts"], self.models.inputs).distance(inputs)
 
     def band(self, tolerate: float, without: str = "") -> Band:
         """From the held-out residuals that this model has on the machine's other parts, with what people said of their

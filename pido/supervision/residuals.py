@@ -6,17 +6,20 @@ Of a part that the version was trained on, they are what stood when the part cam
 of the arriving part before it learns from it, and those predictions are kept with the run. Nothing was known before the
 first part, so its rows are predicted in stretches, each by models of the others. A part that the version has not learnt
 from is predicted by the version itself. What was found is kept in `derived/`, under the key of run or version.
+
+Inputs are of the kind that the version's models take, whatever the settings ask for by now.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
@@ -28,7 +31,7 @@ from pido.core.samples import Samples
 from pido.feature_space.regional import folds
 from pido.iteration import Recipe
 from pido.models.axis_models import AxisModels
-from pido.models.inputs import model_inputs
+from pido.models.inputs import NAMES, InputKind, model_inputs
 from pido.monitoring.band import MOST_PARTS
 from pido.monitoring.doubt import Support
 from pido.monitoring.residuals import WINDOW_S, PartResiduals
@@ -81,24 +84,25 @@ def known_residuals(
     order = [e.digest for e in Store(workspace.store).entries(machine) if e.digest in last and e.digest != without]
     learnt = [digest for digest in order if digest in version.content["parts"]]
     new = [digest for digest in order if digest not in version.content["parts"]][-MOST_PARTS:]
+    recipe = replace(recipe_of(workspace), inputs=models.inputs)
     if 1 < len(learnt) <= FEW:
-        found = _each_by_the_others(workspace, machine, learnt)
+        found = _each_by_the_others(workspace, machine, learnt, recipe)
     else:
         later = learnt[len(learnt) // 2 if len(learnt) > FEW else 0 :]
-        found = [one for digest in later if (one := _kept(workspace, last[digest]))]
+        found = [one for digest in later if (one := _kept(workspace, last[digest], recipe))]
     found += _by_itself(workspace, machine, version, models, new)
     return sorted(found, key=lambda one: order.index(one.part))
 
 
-def held_out(workspace: Workspace, machine: str, digest: str) -> PartResiduals | None:
-    """The residuals of one known part by models that had not seen it, or None."""
+def held_out(workspace: Workspace, machine: str, digest: str, inputs: InputKind) -> PartResiduals | None:
+    """The residuals of one known part by models that had not seen it, or None; with the inputs that a version takes."""
     mine = [i for i in Ledger(workspace.ledger).iterations(machine) if i.part == digest]
-    return _kept(workspace, mine[-1]) if mine else None
+    return _kept(workspace, mine[-1], replace(recipe_of(workspace), inputs=inputs)) if mine else None
 
 
-def support(workspace: Workspace, digests: Sequence[str], recipe: Recipe) -> Support:
-    """Distances from the rows of these parts."""
-    return Support(np.vstack([model_inputs(samples_of(workspace, d), recipe.inputs) for d in digests]))
+def support(workspace: Workspace, digests: Sequence[str], inputs: InputKind) -> Support:
+    """Distances from the rows of these parts, in the inputs that the models take."""
+    return Support(np.vstack([model_inputs(samples_of(workspace, d), inputs) for d in digests]))
 
 
 def on_the_clock(
@@ -136,9 +140,9 @@ def _by_itself(
         / f"held-out-{version.digest[:24]}-{workspace.run_key(machine, [digest])[:24]}.parquet"
         for digest in digests
     }
-    missing = [digest for digest, path in paths.items() if not path.exists()]
+    missing = [digest for digest, path in paths.items() if not _is_kept(path, models.inputs)]
     if missing:
-        near = support(workspace, version.content["parts"], recipe_of(workspace))
+        near = support(workspace, version.content["parts"], models.inputs)
         for digest in missing:
             samples = samples_of(workspace, digest)
             inputs = model_inputs(samples, models.inputs)
@@ -149,48 +153,48 @@ def _by_itself(
     return [_load(digest, path) for digest, path in paths.items()]
 
 
-def _each_by_the_others(workspace: Workspace, machine: str, order: Sequence[str]) -> list[PartResiduals]:
-    recipe = recipe_of(workspace)
+def _each_by_the_others(
+    workspace: Workspace, machine: str, order: Sequence[str], recipe: Recipe
+) -> list[PartResiduals]:
     key = workspace.run_key(machine, list(order))[:24]
     paths = {digest: workspace.derived / f"held-out-{key}-{digest[:12]}.parquet" for digest in order}
-    if not all(path.exists() for path in paths.values()):
+    if not all(_is_kept(path, recipe.inputs) for path in paths.values()):
         samples = {digest: samples_of(workspace, digest) for digest in order}
         for digest in order:
             others = [d for d in order if d != digest]
             rest, mine = Samples.concat([samples[d] for d in others]), model_inputs(samples[digest], recipe.inputs)
             seed = workspace.settings.seed
             models = AxisModels.fit(rest, choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
-            doubt = support(workspace, others, recipe).distance(mine)
+            doubt = support(workspace, others, recipe.inputs).distance(mine)
             recording = at_rate(workspace, _bare(Store(workspace.store).load(digest)))
             said = Said.by(models, mine, machine_of(workspace, machine))
             _save(on_the_clock(digest, recording, samples[digest], mine, said, doubt)[0], paths[digest])
     return [_load(digest, path) for digest, path in paths.items()]
 
 
-def _kept(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
+def _kept(workspace: Workspace, iteration: Iteration, recipe: Recipe) -> PartResiduals | None:
     path = workspace.derived / f"held-out-{iteration.run_key[:24]}.parquet"
-    if not path.exists():
-        made = _make(workspace, iteration)
+    if not _is_kept(path, recipe.inputs):
+        made = _make(workspace, iteration, recipe)
         if made is None:
             return None
         _save(made, path)
     return _load(iteration.part, path)
 
 
-def _make(workspace: Workspace, iteration: Iteration) -> PartResiduals | None:
+def _make(workspace: Workspace, iteration: Iteration, recipe: Recipe) -> PartResiduals | None:
     digest = iteration.part
     folder = workspace.runs / iteration.run_key
     if not folder.exists():
         log.warning("%s: the files of its iteration are gone; the band does without it", digest[:12])
         return None
     files = report_files.load(workspace.runs, iteration.run_key)
-    recipe = recipe_of(workspace)
     samples = samples_of(workspace, digest)
     columns = model_inputs(samples, recipe.inputs)
     before = [d for d in files.summary["parts"] if d != digest]
     if before and len(files.trace) == len(samples) and f"both_{AXES[0]}" in files.trace:
         said = Said(_of(files.trace, "both"), _of(files.trace, report_files.OTHER_END))
-        doubt = support(workspace, before, recipe).distance(columns)
+        doubt = support(workspace, before, recipe.inputs).distance(columns)
     elif before:
         log.warning("%s: what was expected of it was kept for other rows; the band does without it", digest[:12])
         return None
@@ -246,6 +250,11 @@ def _block(recording: Recording) -> Int1D:
         return np.full(len(recording), -1, np.int64)
     line = np.asarray(recording["nc_line"], float)
     return np.where(np.isfinite(line), line, -1).astype(np.int64)
+
+
+def _is_kept(path: Path, inputs: InputKind) -> bool:
+    """Whether residuals lie at `path`, with the inputs that models of this kind take."""
+    return path.exists() and sum(n.startswith(_INPUT) for n in pq.read_schema(path).names) == len(NAMES[inputs])
 
 
 def _save(part: PartResiduals, path: Path) -> None:

@@ -11,7 +11,6 @@ the file: motion, currents, and the simulated process quantities (or `air_cut` i
 
 from __future__ import annotations
 
-import csv
 import logging
 import time
 from collections import deque
@@ -24,7 +23,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import AXES
-from pido.core.columns import ALIASES, CURRENT, FORCE_SIM, INPUTS, TIME, VELOCITY
+from pido.core.columns import CURRENT, INPUTS, TIME, VELOCITY
 from pido.core.errors import RecordingError
 from pido.core.machining import Machine
 from pido.core.part import PartInfo
@@ -38,24 +37,21 @@ from pido.monitoring.forest import quick
 from pido.monitoring.likeness import looks_like
 from pido.monitoring.records import followed_as
 from pido.monitoring.standing import explained, other_end
-from pido.parts import machine_of, recipe_of
+from pido.parts import machine_of
 from pido.physics.friction import held_direction
 from pido.process.quantities import area_removal
 from pido.process.samples import engaged
 from pido.supervision.book import Book, alarm_id
+from pido.supervision.growing import Growing, blocks
 from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, named, not_judged, recorded
 from pido.supervision.residuals import Said, support
-from pido.workspace import Workspace, digest_of
+from pido.workspace import Workspace
 
 log = logging.getLogger(__name__)
-POLL_S = 0.05
-FIRST_ROWS = 50
-"""Rows from which the file's rate is read."""
 REMEMBERED_S = 20.0
 """What an alarm is compared with signals over, at most."""
 Event = dict[str, Any]
 Prediction = Callable[[Samples], tuple[Said, Float1D, Float2D]]
-_PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")
 
 
 class Stream:
@@ -176,10 +172,11 @@ def follow_file(
     sleep: Callable[[float], None] = time.sleep,
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[Event]:
-    """Events of a part whose file is being written; the verdict goes into the machine's book at its end.
+    """Events of a part whose file is being written; the verdict goes into the machine's book at its end: when the file
+    did not grow for `idle_s`, or when the next part is written into one of its name.
 
-    Raises RecordingError for columns that are missing, or a rate below the method's; what `monitor` raises without a
-    model or a band.
+    Raises RecordingError for columns that are missing, a time that cannot be one, or a rate below the method's; what
+    `monitor` raises without a model or a band.
     """
     name = machine or workspace.settings.machine
     if name is None:
@@ -190,9 +187,11 @@ def follow_file(
     for note in expect.notes:
         log.warning("%s", note)
     stream: Stream | None = None
-    for began, table in _blocks(path, workspace.settings.rate_hz, idle_s, workspace.settings.air_cut, sleep, clock):
+    file = Growing(path, idle_s, sleep, clock)
+    for began, table in blocks(file, workspace.settings.rate_hz, workspace.settings.air_cut):
         if stream is None:
-            rate = 1.0 / float(np.median(np.diff(table[TIME]))) if len(table[TIME]) > 1 else workspace.settings.rate_hz
+            step = np.diff(table[TIME])
+            rate = 1.0 / float(np.median(step[step > 0])) if step.any() else workspace.settings.rate_hz
             place = machine_of(workspace, name)
             stream = Stream(path.stem, began, place, predict, band, rate, workspace.settings.air_cut)
         yield from stream.push(table)
@@ -200,10 +199,11 @@ def follow_file(
         raise RecordingError(f"{path}: no sample was written within {idle_s:g} s.")
     yield from stream.end()
     verdict = stream.verdict()
-    notes = [*expect.notes]
-    if why := not_judged(verdict, band):
-        log.warning("%s", why)
-        notes.append(why)
+    ending = f"{path}: the next part is written into it; this one ended there. Follow it again for the next one."
+    new_notes = [*([ending] if file.replaced else []), *([why] if (why := not_judged(verdict, band)) else [])]
+    for note in new_notes:
+        log.warning("%s", note)
+    notes = [*expect.notes, *new_notes]
     said = recorded(verdict, band, stream.alarms, notes)
     record = {
         "part": path.stem, "digest": stream.digest, "machine": name, "model": expect.model, "followed": True, **said
@@ -213,9 +213,9 @@ def follow_file(
 
 
 def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
-    near = support(workspace, expect.bundle.content["parts"], recipe_of(workspace))
-    by_axis = {axis: quick(model) for axis, model in expect.models.models.items()}
     kind, machine = expect.models.inputs, machine_of(workspace, expect.machine)
+    near = support(workspace, expect.bundle.content["parts"], kind)
+    by_axis = {axis: quick(model) for axis, model in expect.models.models.items()}
 
     def predict(samples: Samples) -> tuple[Said, Float1D, Float2D]:
         columns = model_inputs(samples, kind)
@@ -228,107 +228,3 @@ def _quick_prediction(workspace: Workspace, expect: Expectation) -> Prediction:
         return Said(out, other_end(by_axis, columns, machine)), doubt, columns
 
     return predict
-
-
-def _blocks(
-    path: Path, rate_hz: float, idle_s: float, air_cut: bool, sleep: Callable[[float], None], clock: Callable[[], float]
-) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
-    """Whole blocks of rows as they are written, averaged down to the method's rate; with each, the digest of the file's
-    first rows."""
-    names: list[str] = []
-    waiting: list[list[str]] = []
-    began, width = "", 0
-    for lines in _growing(path, idle_s, sleep, clock):
-        if not names:
-            names, lines = _header(path, lines[0], air_cut), lines[1:]
-        waiting += list(csv.reader(lines))
-        if not width and len(waiting) >= FIRST_ROWS:
-            width = _width(path, names, waiting, rate_hz)
-            began = digest_of([names, waiting[:FIRST_ROWS]])[:12]
-        whole = len(waiting) // width * width if width else 0
-        if whole:
-            yield began, _averaged(path, names, waiting[:whole], width, air_cut)
-            waiting = waiting[whole:]
-    if waiting and not width:
-        raise RecordingError(
-            f"{path}: {len(waiting)} samples, {FIRST_ROWS - len(waiting)} too few: the file's rate is read from the "
-            f"first {FIRST_ROWS}. Record the whole part, and end its last line."
-        )
-
-
-def _growing(
-    path: Path, idle_s: float, sleep: Callable[[float], None], clock: Callable[[], float]
-) -> Iterator[list[str]]:
-    """Whole lines of a file as they come; ends when nothing came for `idle_s`."""
-    rest, last = b"", clock()
-    place = 0
-    while True:
-        new = b""
-        if path.exists():
-            with path.open("rb") as handle:
-                handle.seek(place)
-                new = handle.read()
-        if b"\0" in new or (place == 0 and new.startswith(b"PAR1")):
-            raise RecordingError(
-                f"{path}: this is no text. What is followed is a CSV file in UTF-8 that a recorder is still writing; a "
-                f"recording that is finished is judged by `pido monitor {path}`."
-            )
-        place += len(new)
-        *lines, rest = (rest + new).split(b"\n")
-        if new:
-            last = clock()
-        if lines:
-            yield [line.decode("utf-8-sig", "replace").rstrip("\r") for line in lines if line.strip()]
-        elif clock() - last > idle_s:
-            return
-        else:
-            sleep(POLL_S)
-
-
-def _header(path: Path, line: str, air_cut: bool) -> list[str]:
-    names = [ALIASES.get(name.strip(), name.strip()) for name in next(csv.reader([line]))]
-    needed = {TIME, *INPUTS} - (set(_PROCESS) if air_cut else set())
-    missing = sorted(needed - set(names))
-    if missing:
-        raise RecordingError(
-            f"{path}: a part cannot be followed without {', '.join(missing)}. Write them with the recording; where "
-            "nothing is cut, set air_cut = true in workspace.toml."
-        )
-    if not set(names) & set(CURRENT.values()):
-        raise RecordingError(f"{path}: no current to watch; one of {', '.join(CURRENT.values())} is needed.")
-    return names
-
-
-def _width(path: Path, names: list[str], rows: list[list[str]], rate_hz: float) -> int:
-    at = np.array([float(row[names.index(TIME)]) for row in rows])
-    rate = 1.0 / float(np.median(np.diff(at)))
-    if rate < 0.8 * rate_hz:
-        raise RecordingError(
-            f"{path}: {rate:.4g} samples per second; the models were trained on {rate_hz:g}. Record at least that many."
-        )
-    return max(1, round(rate / rate_hz))
-
-
-def _averaged(path: Path, names: list[str], rows: list[list[str]], width: int, air_cut: bool) -> dict[str, np.ndarray]:
-    """Means over `width` rows; of states the last one. A missing value makes its mean missing."""
-    columns: dict[str, np.ndarray] = {}
-    for i, name in enumerate(names):
-        text = [row[i] if i < len(row) else "" for row in rows]
-        if name == "tool_id":
-            columns[name] = np.array([_tool(value) for value in text[width - 1 :: width]], object)
-            continue
-        try:
-            values: Float1D = np.array([float(value) if value.strip() else np.nan for value in text])
-        except ValueError:
-            raise RecordingError(f"{path}: column '{name}' holds what is not a number near {text[0]!r}.") from None
-        grouped = values.reshape(-1, width)
-        columns[name] = grouped[:, -1] if name in (TIME, "nc_line", "coolant") else grouped.mean(axis=1)
-    if air_cut:
-        columns |= {name: np.zeros(len(columns[TIME])) for name in _PROCESS if name not in columns}
-    return columns
-
-
-def _tool(value: str) -> str:
-    """As a stored part says it: a number without its empty decimals."""
-    value = value.strip()
-    return value[: -len(".0")] if value.endswith(".0") else value

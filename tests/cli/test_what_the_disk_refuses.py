@@ -60,6 +60,38 @@ def test_a_file_that_may_not_be_read_is_not_called_unknown(tmp_path):
     assert f"UnavailableError cannot be read now. {file}: Permission denied" in unprivileged("-c", READ, file).stdout
 
 
+WATCHED = """
+import sys
+from pido.arrivals import Arrived
+from pido.backlog import Backlog
+from pido.cli.watch import _in_this_process
+from pido.departures import key_of
+from pido.workspace import Workspace
+workspace = Workspace.open(sys.argv[1])
+take = _in_this_process(workspace, None, Backlog(workspace, workspace.inbox, iter(range(0, 10_000, 1000)).__next__))
+for _ in range(3):
+    take([Arrived(path, key_of(path), 1e9) for path in workspace.inbox.iterdir()])
+"""
+
+
+def test_a_bad_folder_that_may_not_be_moved_is_rejected_with_a_copy_and_why_it_stays_is_said(tmp_path):
+    bad = tmp_path / "plant" / "inbox" / "bad"
+    bad.mkdir(parents=True)
+    (bad / "part.json").write_text("{}")
+    bad.chmod(0o555)
+    done = unprivileged("-c", WATCHED, tmp_path / "plant")
+    bad.chmod(0o755)
+    said = f"no recording.parquet. Copy the whole folder. It stays in the inbox. {bad}: Permission denied. Give this"
+    assert done.stderr.count(said) == 3, done.stderr
+    rejected = tmp_path / "plant" / "store" / "rejected"
+    assert sorted(path.name for path in rejected.iterdir()) == ["bad", "bad.reason.txt"]
+    assert [path.name for path in bad.parent.iterdir()] == ["bad"]
+    status = subprocess.run(
+        [sys.executable, "-m", "pido", "status", "-w", tmp_path / "plant"], capture_output=True, text=True, check=False
+    )
+    assert "no recording.parquet" in status.stdout
+
+
 def test_a_part_that_may_not_be_read_is_not_moved_away(part, tmp_path):
     (part / "recording.parquet").chmod(0)
     done = unprivileged("-m", "pido", "ingest", part, "--store", tmp_path / "store")

@@ -79,4 +79,6 @@ def _prefect() -> Path:
 
 def _value(text: str) -> str:
     """What compose makes of it: the default where there is one, else a word of ours."""
-    return re.sub(r"\$\{\w+:?-?(\??[^}]*)\}", lambda m: "ours" if m[1][:1] in ("?", "") else m[1], text)
+    while "${" in text:  # the innermost first
+        text = re.sub(r"\$\{\w+:?-?(\??[^${}]*)\}", lambda m: "ours" if m[1][:1] in ("?", "") else m[1], text)
+    return text

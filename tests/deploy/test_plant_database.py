@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -11,8 +14,9 @@ import pytest
 
 from deploy import backup, postgres
 from deploy.plant import Plant, with_free_ports
-from deploy.settings import PlantSettings, load
+from deploy.settings import SECRETS, PlantSettings, load
 
+ROOT = Path(__file__).parents[2]
 pytestmark = [
     pytest.mark.servers,
     pytest.mark.skipif(not postgres.is_installed(), reason="PostgreSQL is missing (apt-get install postgresql)"),
@@ -63,6 +67,28 @@ def test_everything_comes_back_from_one_backup_file(folder):
     assert (again.workspace / "store" / "part").read_text() == "rows"
     with pytest.raises(psycopg2.OperationalError):
         connect(again, again.postgres_password)  # stopped with its block
+
+
+def test_a_backup_from_another_shell_says_which_password_it_lacks_and_changes_nothing(folder, monkeypatch):
+    place, archive = folder / "plant", folder / "backup.tar"
+    call = [sys.executable, "-m", "deploy.plant", "--folder", str(place), "backup", str(archive)]
+
+    def backed_up(**passwords: str) -> subprocess.CompletedProcess[str]:
+        environment = {name: value for name, value in os.environ.items() if name not in SECRETS} | passwords
+        return subprocess.run(call, capture_output=True, text=True, check=False, env=environment, cwd=ROOT)
+
+    known = dict.fromkeys(SECRETS, "from the environment")
+    for name, value in known.items():
+        monkeypatch.setenv(name, value)
+    with Plant(with_free_ports(load(place)), only=("postgres",)):
+        without, wrong = backed_up(), backed_up(**{**known, "PIDO_POSTGRES_PASSWORD": "guessed"})
+        assert (without.returncode, wrong.returncode) == (1, 1)
+        assert f"not in secrets.env: {', '.join(SECRETS)}. Set" in without.stderr
+        assert "refuses the password of user 'pido'. Set PIDO_POSTGRES_PASSWORD" in wrong.stderr
+        assert not (place / "secrets.env").exists()
+        assert not archive.exists()
+        assert backed_up(**known).returncode == 0
+    assert archive.exists()
 
 
 def test_a_service_that_dies_is_started_again(folder):

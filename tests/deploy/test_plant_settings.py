@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import stat
 import subprocess
@@ -58,6 +59,64 @@ def test_nothing_listens_beyond_this_machine_unless_asked():
             assert port.startswith(("127.0.0.1:", "${PIDO_BIND:-127.0.0.1}:")), f"{name}: {port}"
 
 
+def _interpolated(text: str, values: dict[str, str]) -> str:
+    """As compose does it: `:-` and `:?` take an empty value for none."""
+    while "${" in text:
+        text = re.sub(r"\$\{(\w+)(?::-([^${}]*)|:\?[^${}]*)?\}", lambda m: values.get(m[1]) or m[2] or "", text)
+    return text
+
+
+def _as_container(values: dict[str, str]) -> tuple[str, list[str]]:
+    """Prefect's address for browsers, and how MLflow is started."""
+    command = [_interpolated(word, values) for word in COMPOSE["services"]["mlflow"]["command"]]
+    address = COMPOSE["services"]["prefect"]["environment"]["PREFECT_SERVER_UI_API_URL"]
+    return _interpolated(address, values), [part for word in command for part in word.split("=")]
+
+
+def _as_process(values: dict[str, str], folder: Path, monkeypatch) -> tuple[str, list[str]]:
+    monkeypatch.setattr(postgres, "command", lambda settings: ["postgres"])
+    monkeypatch.setattr(postgres, "user", lambda: None)
+    for name, value in values.items():
+        monkeypatch.setenv(name, value)
+    _, prefect, mlflow, *_ = services(load(folder))
+    return prefect.environment["PREFECT_SERVER_UI_API_URL"], mlflow.command
+
+
+@pytest.mark.parametrize("arrangement", ["process", "container"])
+@pytest.mark.parametrize(
+    ("values", "called"),
+    [({}, "127.0.0.1"), ({"PIDO_BIND": "192.168.1.20"}, "192.168.1.20"),
+     ({"PIDO_BIND": "0.0.0.0", "PIDO_HOST": "192.168.1.20"}, "192.168.1.20"),
+     ({"PIDO_BIND": "0.0.0.0", "PIDO_HOST": "plant-pc"}, "plant-pc")],
+)  # fmt: skip
+def test_both_pages_work_by_the_name_that_browsers_call(arrangement, values, called, tmp_path, monkeypatch):
+    from mlflow.server.security_utils import is_allowed_host_header, should_block_cors_request
+
+    made = _as_container(values) if arrangement == "container" else _as_process(values, tmp_path, monkeypatch)
+    prefect, mlflow = made
+    hosts, origins = (mlflow[mlflow.index(o) + 1].split(",") for o in ("--allowed-hosts", "--cors-allowed-origins"))
+    assert prefect == f"http://{called}:4200/api"
+    assert is_allowed_host_header(hosts, f"{called}:5000")
+    assert not should_block_cors_request(f"http://{called}:5000", "POST", origins)
+    assert not is_allowed_host_header(hosts, "elsewhere.example:5000")
+    if arrangement == "process":
+        here = load(tmp_path)
+        assert is_allowed_host_header(hosts, here.mlflow_uri.removeprefix("http://"))
+        assert "0.0.0.0" not in here.prefect_api
+
+
+def test_an_address_that_nobody_can_call_is_refused_without_a_name(tmp_path, monkeypatch):
+    monkeypatch.setenv("PIDO_BIND", "0.0.0.0")
+    with pytest.raises(PidoError, match=r"PIDO_BIND = 0\.0\.0\.0 .* Set PIDO_HOST"):
+        load(tmp_path)
+    for name in ("prefect", "mlflow"):
+        host = _interpolated(COMPOSE["services"][name]["environment"]["PIDO_HOST"], {"PIDO_BIND": "0.0.0.0"})
+        call = [sys.executable, "-m", "deploy.entry", "true"]
+        done = subprocess.run(call, env={**os.environ, "PIDO_HOST": host}, capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert "Set PIDO_HOST" in done.stderr
+
+
 def test_no_secret_stands_in_the_repository_and_compose_asks_for_each():
     text = (ROOT / "docker-compose.yml").read_text()
     known = read_env(ROOT / "deploy" / "plant.env")
@@ -106,6 +165,18 @@ def test_missing_secrets_are_made_once_and_readable_by_the_owner_alone(settings,
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert load(settings.folder) == settings
     assert len({settings.postgres_password, settings.prefect_password, settings.mlflow_password}) == 3
+
+
+def test_no_secret_is_made_for_a_plant_whose_database_has_one_already(tmp_path, monkeypatch):
+    for name in SECRETS:
+        monkeypatch.setenv(name, "ours")
+    (tmp_path / "postgres").mkdir()
+    (tmp_path / "postgres" / "PG_VERSION").write_text("15\n")
+    assert load(tmp_path).postgres_password == "ours"
+    monkeypatch.delenv("PIDO_MLFLOW_PASSWORD")
+    with pytest.raises(PidoError, match=r"not in secrets.env: PIDO_MLFLOW_PASSWORD\. Set them in the environment"):
+        load(tmp_path)
+    assert not (tmp_path / "secrets.env").exists()
 
 
 def test_a_port_that_is_none_is_named(tmp_path, monkeypatch):

@@ -294,6 +294,24 @@ def _followed(plant: Path, folder: Path, path: Path) -> list[str]:
     return _call("monitor", "--follow", path, "-w", plant / "ws", "--machine", MACHINE, "--idle-s", 0).splitlines()
 
 
+def test_the_next_part_in_a_file_of_the_same_name_is_no_part_of_the_one_that_is_followed(plant, tmp_path):
+    live, following = tmp_path / "mill.csv", tmp_path / "next.csv"
+    count = _csv(plant / "good", live)
+    _csv(plant / "bad", following)
+
+    def recorder(seconds: float) -> None:
+        if following.exists():
+            following.rename(live)
+
+    ws = Workspace.open(plant / "ws")
+    *_, end = follow_file(ws, live, machine=MACHINE, idle_s=60.0, sleep=recorder, clock=lambda: 0.0)
+    assert (end["samples"], end["verdict"]) == (count, "good")
+    assert any("the next part is written into it" in note for note in end["notes"])
+    *_, end = follow_file(ws, live, machine=MACHINE, idle_s=0.0)
+    assert end["verdict"] == "alarms"
+    assert [r["verdict"] for r in Book(ws, MACHINE).records() if r.get("part") == "mill"] == ["good", "alarms"]
+
+
 @pytest.mark.parametrize("begins_alike", [True, False])
 def test_alarms_can_be_answered_after_the_next_part_went_into_a_file_of_the_same_name(plant, tmp_path, begins_alike):
     odd = read_recording(plant / "good") if begins_alike else read_recording(plant / "bad")

@@ -1,10 +1,12 @@
 """A verdict is that of the version in force: what it expects, and limits from what it was wrong by."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -13,10 +15,12 @@ from pido.core.axes import AXES
 from pido.core.recording import Recording
 from pido.models.inputs import model_inputs
 from pido.parts import samples_of
+from pido.recordings import read_recording
 from pido.recordings.folder import write_folder
 from pido.supervision.book import Book
-from pido.supervision.part import Expectation
+from pido.supervision.part import Expectation, monitor
 from pido.supervision.residuals import known_residuals
+from pido.supervision.stream import follow_file
 from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
@@ -75,6 +79,29 @@ def test_parts_that_a_version_has_not_learnt_from_are_judged_by_its_own_models(p
         said = expect.models.predict_inputs(model_inputs(samples_of(workspace, one.part), expect.models.inputs))
         spindle = one.predicted[:, AXES.index("sp")]
         assert spindle[np.isfinite(spindle)] == pytest.approx(said[:, AXES.index("sp")])
+
+
+@pytest.mark.parametrize(
+    ("settings", "same_models"),
+    [(SETTINGS + 'inputs = "paper"\n', True), ('compare = false\nmethod = "paper"\n', False)],
+    ids=["other inputs", "another method"],
+)
+def test_a_version_still_judges_when_the_settings_ask_for_successors_with_other_inputs(
+    plant, tmp_path, settings, same_models
+):
+    shutil.copytree(plant / "ws", tmp_path / "ws")
+    shutil.copytree(plant / "p4", tmp_path / "p4")
+    before = _verdict(tmp_path)
+    (tmp_path / "ws" / "workspace.toml").write_text(settings)
+    after = _verdict(tmp_path)
+    assert after["model"] == before["model"] == "champion version 2"
+    if same_models:
+        assert after == before
+    workspace, live = Workspace.open(tmp_path / "ws"), tmp_path / "live.csv"
+    pd.DataFrame(dict(read_recording(tmp_path / "p4").columns)).to_csv(live, index=False)
+    *_, end = follow_file(workspace, live, machine=MACHINE, idle_s=0.0)
+    assert end["model"] == before["model"]
+    assert monitor(workspace, "p0").model == before["model"], "what was said of a part before it was learnt from"
 
 
 def test_the_band_does_not_learn_from_a_part_that_could_not_be_judged(plant):
