@@ -182,7 +182,7 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
     if delay.drift:
         half = 1.96 * delay.sd[1]
         parameters["drift"] = Estimate(delay.drift, "s/s", (delay.drift - half, delay.drift + half))
-    others = ", ".join(a for a in delay.by_axis if a != axis)
+    others = ", ".join(a for a in delay.axes if a != axis)
     late = "after" if delay.offset > 0 else "before"
     return Finding(
         axis=axis,

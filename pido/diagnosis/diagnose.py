@@ -149,7 +149,9 @@ def _diagnose(
             series[recording.part.part][axis] = values
     on_progress(count, count, "done")
     findings.sort(key=lambda f: -_strength(f, models))
-    found, bands = {f.axis for f in findings}, dead_bands(parts, machine)
+    # A shift is one finding, on the axis that shows it best.
+    found = {f.axis for f in findings} | set(delay.axes if delay is not None else ())
+    bands = dead_bands(parts, machine)
     result = Diagnosis(
         findings=tuple(findings),
         clean_axes=tuple(a for a in axes if a not in found),
