@@ -63,6 +63,16 @@ def in_order(recordings: Sequence[Recording], notes: list[str]) -> list[Recordin
     return [_finite(r, notes) for r in parts]
 
 
+def without_empty(parts: Sequence[Recording], notes: list[str]) -> list[Recording]:
+    """The parts without simulated currents that have no value in any of them: those count as not recorded."""
+    names = [n for n in CURRENT_SIM.values() if any(n in r for r in parts)]
+    empty = [n for n in names if not any(n in r and np.isfinite(r[n]).any() for r in parts)]
+    if not empty:
+        return list(parts)
+    notes.append(f"{', '.join(empty)}: without any value in any part, and taken as not recorded.")
+    return [replace(r, columns={n: v for n, v in r.columns.items() if n not in empty}) for r in parts]
+
+
 def without_wild(parts: Sequence[Recording], notes: list[str]) -> list[Recording]:
     """The parts without the samples of a current that no motor drew: they are missing, and a note says which."""
     out = list(parts)

@@ -26,7 +26,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms
-from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, without_wild
+from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, without_empty, without_wild
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
@@ -90,8 +90,7 @@ def _diagnose(
 ) -> Diagnosis:
     notes: list[str] = []
     parts = in_order(recordings, notes)
-    if pair is not None:
-        parts = paired(parts, pair)
+    parts = without_empty(parts, notes) if pair is None else paired(parts, pair)
     parts = without_wild(parts, notes)
     axes = comparable_axes(parts, machine, notes)
     if len(parts) < FEW_PARTS:

@@ -209,6 +209,16 @@ def test_a_column_without_any_value_is_as_one_that_was_not_recorded(made, diagno
     assert (code, found) == (0, [("x", "viscous_friction")]), err
 
 
+def test_a_simulation_without_any_value_gives_way_to_the_equation(made, diagnose):
+    empty = np.full(ROWS, True)
+    without = diagnose(*made(lambda c, k: {n: v for n, v in c.items() if n != "curr_x_sim"}))
+    code, found, clean, err = diagnose(*made(lambda c, k: blank(c, "curr_x_sim", empty)))
+    assert (code, found, clean) == without[:3]
+    assert code == 0
+    assert "curr_x_sim: without any value in any part, and taken as not recorded" in err
+    assert "axis x: no simulated current; compared with the physical equation" in err
+
+
 def test_a_speed_in_another_unit_is_said_and_what_was_found_stands_beside_it(made, diagnose, tmp_path):
     code, _, _, err = diagnose(*made(lambda c, k: only(c, "x") | {"v_x": 60.0 * c["v_x"]}, count=1))
     assert code == 0
