@@ -294,3 +294,11 @@ def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says
     code, found, _, err = diagnose(*made(change))
     assert (code, found) == (0, [("x", "viscous_friction")])
     assert "covers 50% of part p2" in err
+
+
+def test_a_tool_that_is_not_named_at_first_is_no_hindrance(made, diagnose, call, tmp_path):
+    tool = np.array([None] * 40 + ["T1"] * (ROWS - 40), object)
+    parts = made(lambda c, k: only(c, "x") | {"tool_id": tool})
+    code, found, _, err = diagnose(*parts)
+    assert (code, found) == (0, [("x", "viscous_friction")]), err
+    assert call("correct", tmp_path / "out", parts[0], "--out", tmp_path / "corrected.parquet")[0] == 0
