@@ -187,8 +187,8 @@ def _no_overlap(parts: Sequence[Recording], axis: str, notes: list[str]) -> str 
             )
         if _longest(both) < _LEAST_RUN:
             return (
-                f"in part {r.part.part}, no {_LEAST_RUN} samples in a row have both a recorded and a simulated "
-                "current, as where one has a lower rate. Bring both to one rate."
+                f"in part {r.part.part}, no {_LEAST_RUN} samples in a row have both '{CURRENT[axis]}' and '{name}', as "
+                "where one has a lower rate. Bring both to one rate."
             )
         if both.sum() < LEAST_ROWS:
             return (

@@ -39,7 +39,7 @@ from pido.diagnosis.loop import answered
 from pido.diagnosis.misfit import acting
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
-from pido.diagnosis.pair import in_its_unit, paired
+from pido.diagnosis.pair import in_its_unit, in_its_words, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
 from pido.diagnosis.state import AxisState, axis_states
@@ -92,7 +92,8 @@ def _diagnose(
     parts = in_order(recordings, notes)
     parts = without_empty(parts, notes) if pair is None else paired(parts, pair)
     parts = without_wild(parts, notes)
-    axes = comparable_axes(parts, machine, notes)
+    with in_its_words(pair):
+        axes = comparable_axes(parts, machine, notes)
     if len(parts) < FEW_PARTS:
         notes.append(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
