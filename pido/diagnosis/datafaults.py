@@ -48,8 +48,10 @@ def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Find
             for each in _merged(part, [(f.t_start, f.t_end) for f in faults if f.part == part])
         ]
         first = intervals[0]
+        named = " and ".join(filter(None, (", ".join(columns[:-1]), columns[-1])))
         where = Where(
-            f"{', '.join(columns)} is wrong in {len(intervals)} place(s), first in part {first.part} at "
+            f"{named} {'are' if len(columns) > 1 else 'is'} wrong in {len(intervals)} "
+            f"place{'s' if len(intervals) > 1 else ''}, first in part {first.part} at "
             f"{first.t_start:.2f} s: {'; '.join(reasons)}; these rows are set aside",
             tuple(columns),
             tuple(intervals),

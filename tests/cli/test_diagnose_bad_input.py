@@ -246,7 +246,7 @@ def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pa
     )
     wrong = next(f for f in details["faults"] if f["column"] == "v_x")
     assert (wrong["part"], wrong["t_start"], wrong["t_end"]) == ("p2", 14.0, pytest.approx(14.02))
-    assert "first in part p2 at 1" in fault["where"]["summary"]
+    assert fault["where"]["summary"].startswith("a_x and v_x are wrong in 1 place, first in part p2 at 1")
     fit, judged = fault["fit"], "y" if pair else "x"
     tables = [_columns(k, ROWS) for k in (1, 2, 3)]
     left = np.concatenate([t[f"curr_{judged}"] - t[f"curr_{judged}_sim"] for t in tables])
