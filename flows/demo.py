@@ -37,7 +37,7 @@ SOURCES = (".csv", ".json", ".parquet", ".mat")
 @click.option("--machine", help="machine of recordings that do not name theirs")
 @click.option("--job", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="what is cut with what")
 @click.option("--parts", "count", default=8, show_default=True, help="parts of the virtual mill, without --data")
-@click.option("--seed", default=0, show_default=True, help="of the virtual mill's parts")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="of the virtual mill's parts")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out/demo"), show_default=True)
 def main(data: Path | None, machine: str | None, job: Path | None, count: int, seed: int, out: Path) -> None:
     """Parts through the pipeline, one after another, on a local Prefect server.

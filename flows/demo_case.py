@@ -19,7 +19,9 @@ from pido.core.errors import PidoError
 @click.argument("kind")
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--strength", default=2.0, show_default=True, help="size of the effect beside the noise, where it acts")
-@click.option("--seed", default=0, show_default=True, help="of machine, parts, effect and noise")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="of machine, parts, effect and noise"
+)
 @click.option("--parts", type=click.IntRange(min=1), help="number of parts  [default: three to six]")
 def main(kind: str, folder: Path, strength: float, seed: int, parts: int | None) -> None:
     """Parts of a simulated mill in FOLDER/parts, in which KIND is concealed.

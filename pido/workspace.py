@@ -334,5 +334,5 @@ def arrival_digest(path: Path) -> str:
         if file.is_symlink():
             raise StoreError(f"{file}: a symbolic link inside a part's folder; copy what it points at.")
         if file.is_file():
-            total.update(f"{file.relative_to(path)}\0{arrival_digest(file)}\n".encode())
+            total.update(f"{file.relative_to(path)}\0{arrival_digest(file)}\n".encode("utf-8", "surrogateescape"))
     return total.hexdigest()

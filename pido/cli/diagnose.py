@@ -26,7 +26,7 @@ def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str
     help="compare these two columns instead of curr_<axis> and curr_<axis>_sim",
 )
 @click.option("--machine", help="name of the machine's settings (ranges and dead bands)")
-@click.option("--seed", default=0, show_default=True, help="seed of the bootstrap")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="seed of the bootstrap")
 @click.option("--json", "as_json", is_flag=True, help="print diagnosis.json instead of the summary")
 def command(
     parts: tuple[Path, ...], out: Path, pair: str | None, machine: str | None, seed: int, as_json: bool

@@ -45,7 +45,7 @@ NEEDS = {
 )
 @click.option("--repeats", type=click.IntRange(1), help="of what is random; 30 where not given, a few with --quick")
 @click.option("--quick", is_flag=True, help="a small version, in under two minutes")
-@click.option("--seed", default=0, show_default=True, help="of everything that is drawn")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="of everything that is drawn")
 @click.option("--workers", type=click.IntRange(1), help="processes on this machine; all cores where not given")
 @click.option("--cluster", help="address of a Dask scheduler, or 'local'")
 @click.option("--machine", help="settings of the machine, for recordings that do not name theirs")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.option("--machine", default=None, help="machine of recordings that do not name theirs")
 @click.option("--job", type=Input(dir_okay=False), help="what is cut with what")
 @click.option("--air-cut", is_flag=True, default=None, help="parts without process quantities were cut in air")
-@click.option("--seed", type=int, default=None, help="of everything that draws at random")
+@click.option("--seed", type=click.IntRange(min=0), default=None, help="of everything that draws at random")
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")
 def command(
     paths: tuple[Path, ...],

@@ -18,7 +18,7 @@ SHOWN = 12
 @click.option("--job", "job_file", required=True, type=Input(dir_okay=False), help="machine, material, tools, raw part")
 @workspace_option
 @click.option("--out", type=Output(file_okay=False), help="folder for plan.json and report.html")
-@click.option("--seed", default=0, show_default=True, help="of the draws")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="of the draws")
 @click.option("--json", "as_json", is_flag=True, help="print every bin as JSON")
 def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed: int, as_json: bool) -> None:
     """What a coming part needs, before the first chip.

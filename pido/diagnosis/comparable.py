@@ -18,6 +18,7 @@ from pido.core.columns import CURRENT, CURRENT_SIM, POSITION, UNITS, VELOCITY
 from pido.core.errors import DiagnosisError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
+from pido.core.wild import wild_samples
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.consistency import runs
 from pido.diagnosis.faults import beyond_load, extreme_loads
@@ -60,6 +61,34 @@ def in_order(recordings: Sequence[Recording], notes: list[str]) -> list[Recordin
     far = float("inf")
     parts = sorted(recordings, key=lambda r: (_or(r.part.order, far), _or(r.part.start_time_s, far)))
     return [_finite(r, notes) for r in parts]
+
+
+def without_empty(parts: Sequence[Recording], notes: list[str]) -> list[Recording]:
+    """The parts without simulated currents that have no value in any of them: those count as not recorded."""
+    names = [n for n in CURRENT_SIM.values() if any(n in r for r in parts)]
+    empty = [n for n in names if not any(n in r and np.isfinite(r[n]).any() for r in parts)]
+    if not empty:
+        return list(parts)
+    notes.append(f"{', '.join(empty)}: without any value in any part, and taken as not recorded.")
+    return [replace(r, columns={n: v for n, v in r.columns.items() if n not in empty}) for r in parts]
+
+
+def without_wild(parts: Sequence[Recording], notes: list[str]) -> list[Recording]:
+    """The parts without the samples of a current that no motor drew: they are missing, and a note says which."""
+    out = list(parts)
+    for axis, name in ((a, n) for a in AXES for n in (CURRENT[a], CURRENT_SIM[a])):
+        for k, rows in enumerate(wild_samples(parts, name)):
+            if not rows.any():
+                continue
+            wrong = parts[k][name][rows]
+            which = f"1 sample of '{name}' is" if len(wrong) == 1 else f"{len(wrong)} samples of '{name}' are"
+            out[k] = out[k].with_columns(**{name: np.where(rows, np.nan, parts[k][name])})
+            notes.append(
+                f"part {parts[k].part.part}, axis {axis}: {which} set aside ({_places(parts[k], rows)}): "
+                f"{wrong[np.argmax(np.abs(wrong))]:.4g} at most, for an instant, many times the range of all others, "
+                "and nothing else stands out there. Check the channel, or what wrote the file."
+            )
+    return out
 
 
 def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: list[str]) -> list[str]:
@@ -158,8 +187,8 @@ def _no_overlap(parts: Sequence[Recording], axis: str, notes: list[str]) -> str 
             )
         if _longest(both) < _LEAST_RUN:
             return (
-                f"in part {r.part.part}, no {_LEAST_RUN} samples in a row have both a recorded and a simulated "
-                "current, as where one has a lower rate. Bring both to one rate."
+                f"in part {r.part.part}, no {_LEAST_RUN} samples in a row have both '{CURRENT[axis]}' and '{name}', as "
+                "where one has a lower rate. Bring both to one rate."
             )
         if both.sum() < LEAST_ROWS:
             return (

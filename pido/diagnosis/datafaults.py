@@ -48,8 +48,10 @@ def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Find
             for each in _merged(part, [(f.t_start, f.t_end) for f in faults if f.part == part])
         ]
         first = intervals[0]
+        named = " and ".join(filter(None, (", ".join(columns[:-1]), columns[-1])))
         where = Where(
-            f"{', '.join(columns)} is wrong in {len(intervals)} place(s), first in part {first.part} at "
+            f"{named} {'are' if len(columns) > 1 else 'is'} wrong in {len(intervals)} "
+            f"place{'s' if len(intervals) > 1 else ''}, first in part {first.part} at "
             f"{first.t_start:.2f} s: {'; '.join(reasons)}; these rows are set aside",
             tuple(columns),
             tuple(intervals),
@@ -182,7 +184,7 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
     if delay.drift:
         half = 1.96 * delay.sd[1]
         parameters["drift"] = Estimate(delay.drift, "s/s", (delay.drift - half, delay.drift + half))
-    others = ", ".join(a for a in delay.by_axis if a != axis)
+    others = ", ".join(a for a in delay.axes if a != axis)
     late = "after" if delay.offset > 0 else "before"
     return Finding(
         axis=axis,

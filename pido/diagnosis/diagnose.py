@@ -26,7 +26,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms, uneven_inputs
-from pido.diagnosis.comparable import comparable_axes, in_order, moving_s
+from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, without_empty, without_wild
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
@@ -39,7 +39,7 @@ from pido.diagnosis.loop import answered
 from pido.diagnosis.misfit import acting
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
-from pido.diagnosis.pair import in_its_unit, paired
+from pido.diagnosis.pair import in_its_unit, in_its_words, paired
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
 from pido.diagnosis.state import AxisState, axis_states, running, worn_before
@@ -90,9 +90,10 @@ def _diagnose(
 ) -> Diagnosis:
     notes: list[str] = []
     parts = in_order(recordings, notes)
-    if pair is not None:
-        parts = paired(parts, pair)
-    axes = comparable_axes(parts, machine, notes)
+    parts = without_empty(parts, notes) if pair is None else paired(parts, pair)
+    parts = without_wild(parts, notes)
+    with in_its_words(pair):
+        axes = comparable_axes(parts, machine, notes)
     if len(parts) < FEW_PARTS:
         notes.append(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
@@ -148,7 +149,9 @@ def _diagnose(
             series[recording.part.part][axis] = values
     on_progress(count, count, "done")
     findings.sort(key=lambda f: -_strength(f, models))
-    found, bands = {f.axis for f in findings}, dead_bands(parts, machine)
+    # A shift is one finding, on the axis that shows it best.
+    found = {f.axis for f in findings} | set(delay.axes if delay is not None else ())
+    bands = dead_bands(parts, machine)
     result = Diagnosis(
         findings=tuple(findings),
         clean_axes=tuple(a for a in axes if a not in found),

@@ -7,8 +7,11 @@ Out: the recordings with these two where a diagnosis looks for the currents; its
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from pido.core.axes import AXES
 from pido.core.columns import ALIASES, CURRENT, CURRENT_SIM, UNITS
@@ -80,32 +83,81 @@ def pair_of(model: Mapping[str, object]) -> Pair | None:
 
 def paired(parts: Sequence[Recording], text: str) -> list[Recording]:
     """Every part with the pair in place of its currents. Raises DiagnosisError where the two cannot be a recording and
-    its simulation, or a part lacks one of them."""
+    its simulation, or a part lacks one of them or all its values."""
     pair = Pair.parse(text)
     pair.check()
-    for recording in parts:
-        _numbers(recording, pair.recorded)
+    for name in (pair.recorded, pair.simulated):
+        if empty := [r.part.part for r in parts if not np.isfinite(_numbers(r, name)).any()]:
+            raise DiagnosisError(
+                f"--pair {text}: '{name}' has no value in {', '.join(empty)}. Leave these parts out, or name another "
+                "column."
+            )
     return [pair.of(recording) for recording in parts]
 
 
+@contextmanager
+def in_its_words(text: str | None) -> Iterator[None]:
+    """What is refused inside is refused with the pair's own columns; as it is where there is no pair."""
+    try:
+        yield
+    except DiagnosisError as error:
+        if text is None:
+            raise
+        raise DiagnosisError(_columns(str(error), Pair.parse(text))) from None
+
+
 def in_its_unit(diagnosis: Diagnosis, text: str) -> Diagnosis:
-    """The diagnosis of a pair, with the pair in its model and the pair's unit where the mechanisms say ampere."""
+    """The diagnosis of a pair, with the pair in its model, and its columns and unit wherever the mechanisms say current
+    and ampere."""
     pair = Pair.parse(text)
-    notes = diagnosis.notes
+    notes = tuple(_columns(note, pair) for note in diagnosis.notes)
     if not any(map(_axis_in, (pair.recorded, pair.simulated))):
         notes = (*notes, f"--pair {text}: neither name holds an axis; the motion of {pair.axis} was looked at.")
     return replace(
         diagnosis,
         findings=tuple(_finding(f, pair) for f in diagnosis.findings),
         model={**diagnosis.model, "pair": text},
+        rejected=tuple(replace(r, reason=_said(r.reason, pair)) for r in diagnosis.rejected),
         notes=notes,
     )
 
 
 def _finding(finding: Finding, pair: Pair) -> Finding:
-    parameters = {n: replace(e, unit=unit_of(e.unit, pair.unit)) for n, e in finding.parameters.items()}
-    equation = re.sub(rf"\bdI_{pair.axis}\b|\bdI\b", f"d({pair.recorded})", finding.equation)
-    return replace(finding, parameters=parameters, equation=equation)
+    where = finding.where
+    return replace(
+        finding,
+        equation=_said(finding.equation, pair),
+        parameters={n: replace(e, unit=unit_of(e.unit, pair.unit)) for n, e in finding.parameters.items()},
+        where=replace(
+            where, summary=_said(where.summary, pair), conditions=tuple(_said(c, pair) for c in where.conditions)
+        ),
+        alternatives=tuple(replace(a, to_tell_apart=_said(a.to_tell_apart, pair)) for a in finding.alternatives),
+    )
+
+
+def _columns(text: str, pair: Pair) -> str:
+    """A text with the pair's columns in place of those of the current."""
+    names = {CURRENT[pair.axis]: pair.recorded, CURRENT_SIM[pair.axis]: pair.simulated}
+    return re.sub(r"\bcurr_\w+", lambda found: names.get(found[0], found[0]), text)
+
+
+def _said(text: str, pair: Pair) -> str:
+    """What a mechanism says of a current, of the pair.
+
+    >>> _said("wherever the current of x reaches 300 A", Pair.parse("f_x:f_x_sim"))
+    'wherever f_x reaches 300 N'
+    >>> _said("curr_x(t) = I_sim(t - shift)", Pair.parse("f_x:f_x_sim"))
+    'f_x(t) = f_x_sim(t - shift)'
+    """
+    words = {
+        rf"\bdI_{pair.axis}\b|\bdI\b": f"d({pair.recorded})",
+        r"\bI_sim\b|\b(the )?simulated current\b": pair.simulated,
+        rf"\b(the |recorded )*current( of {pair.axis})?\b": pair.recorded,
+        r"(?<=\d) A\b(?!/)": f" {pair.unit}".rstrip(),
+    }
+    for pattern, word in words.items():
+        text = re.sub(pattern, lambda _, word=word: word, text)
+    return _columns(text, pair)
 
 
 def unit_of(unit: str, instead: str) -> str:

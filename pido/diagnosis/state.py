@@ -402,9 +402,13 @@ def _of_tool(recording: Recording, tool: Array1D | None, what: Callable[[PartToo
 
 
 def _tool(recording: Recording) -> Array1D | None:
-    """Tool per sample, as text: from the column, else from the tool changes of part.json."""
+    """Tool per sample, as text, '' where it is not known: from the column, else from the tool changes of part.json."""
     if "tool_id" in recording:
-        values, which = np.unique(recording["tool_id"], return_inverse=True)
+        column = recording["tool_id"]
+        if column.dtype == object:  # text and empty cells have no order
+            keys = {v: _tool_key(v) for v in set(column)}
+            return np.array([keys[v] for v in column], dtype=object)
+        values, which = np.unique(column, return_inverse=True)
         return np.array([_tool_key(v) for v in values], dtype=object)[which]
     changes = sorted(recording.part.tool_changes, key=lambda c: c.t)
     tools = recording.part.tools
@@ -415,6 +419,8 @@ def _tool(recording: Recording) -> Array1D | None:
 
 
 def _tool_key(value: object) -> str:
+    if value is None or (isinstance(value, float | np.floating) and np.isnan(value)):
+        return ""
     return str(int(value)) if isinstance(value, (float, np.floating)) and float(value).is_integer() else str(value)
 
 

@@ -12,9 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.confirm import even
+from pido.diagnosis.confirm import SIGNIFICANT, even
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import shifted
 from pido.diagnosis.state import AxisState
@@ -39,6 +40,12 @@ class Delay:
     sd: tuple[float, float]
     gain: float
     by_axis: Mapping[str, float]
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Those that show it by themselves, the clearest first."""
+        clear = sorted(self.by_axis, key=lambda a: -self.by_axis[a])
+        return tuple(a for a in clear if stats.chi2.sf(self.by_axis[a], 2) < SIGNIFICANT)
 
 
 def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals: Mapping[str, float]) -> Delay | None:

@@ -19,6 +19,7 @@ from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION, TIME, UNITS, VELOCITY
 from pido.core.machining import Machine
 from pido.core.recording import Recording, usual_step
+from pido.core.wild import wild_samples
 from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
 from pido.recordings.reader import UNKNOWN
 from pido.recordings.segments import GAP, counter_resets, starts, stretches, unwrap_deg
@@ -359,6 +360,19 @@ def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
     return faults
 
 
+def _wild(recording: Recording, machine: Machine | None) -> list[Fault]:
+    """Currents that leave everything else for an instant, with nothing that would explain it."""
+    faults = []
+    for name in CURRENT.values():
+        (rows,) = wild_samples([recording], name)
+        if rows.any():
+            wrong = recording[name][rows]
+            what = f"'{name}' is up to {wrong[np.argmax(np.abs(wrong))]:.4g} A for an instant, as nothing else."
+            advice = "No motor drew it: these samples are left out; check the channel, or what wrote the file."
+            faults.append(at("wild_current", name, rows, recording.time, what, advice, WARNING, mask=True))
+    return faults
+
+
 def _order(recording: Recording, machine: Machine | None) -> list[Fault]:
     """Positions that jump against their speeds: rows that are not in the order in which they were taken."""
     time = recording.time
@@ -429,6 +443,7 @@ CHECKS: tuple[Check, ...] = (
     unit_slips,
     _impossible,
     _clipped,
+    _wild,
     _order,
     _repeated,
     _parked,

@@ -2,13 +2,14 @@
 
 In:  the folder. Out: a Recording; and the other way round (`write_folder`).
 A missing or misspelt key of part.json is refused by name; columns without a place in the contract are kept where they
-are numbers and named in a note (`check` refuses them for the store).
+are numbers, and named in a note whatever they are (`check` refuses them for the store).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -115,24 +116,37 @@ def read_columns(path: Path) -> tuple[dict[str, Array1D], list[str]]:
     for name, field in zip(names, table.schema, strict=True):
         if name.startswith("__index"):
             continue
-        if (pa.types.is_string(field.type) or pa.types.is_large_string(field.type)) and name != "tool_id":
-            if name in UNITS:
-                raise RecordingError(f"{path}: column '{name}' holds text; it must be numbers in {UNITS[name]}.")
-            continue
         values = table.column(field.name)
-        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
+        if pa.types.is_dictionary(values.type):  # pandas' categories
+            values = values.cast(values.type.value_type)
+        if name == "tool_id" and _is_text(values):
             columns[name] = np.asarray(values.to_pylist(), dtype=object)
-            continue
-        try:
-            columns[name] = np.array(values.cast(pa.float64()).to_numpy(), dtype=float)
-        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-            if pa.types.is_integer(field.type):
-                raise RecordingError(
-                    f"{path}: column '{name}' holds whole numbers beyond 2^53, which lose digits as float64. Count it "
-                    "from its first value, or in a coarser unit."
-                ) from None
-            raise RecordingError(f"{path}: column '{name}' is {field.type}; it must be numbers.") from None
+        elif name in UNITS:
+            columns[name] = _numbers(values, name, path)
+        else:
+            with suppress(RecordingError):  # the note names it
+                columns[name] = _numbers(values, name, path)
     return columns, unknown
+
+
+def _is_text(values: pa.ChunkedArray) -> bool:
+    kind = values.type
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind)
+
+
+def _numbers(values: pa.ChunkedArray, name: str, path: Path) -> Array1D:
+    """As float64. Raises RecordingError for what is no number, or loses digits."""
+    if _is_text(values):
+        raise RecordingError(f"{path}: column '{name}' holds text; it must be numbers in {UNITS.get(name)}.")
+    try:
+        return np.array(values.cast(pa.float64()).to_numpy(), dtype=float)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+        if pa.types.is_integer(values.type):
+            raise RecordingError(
+                f"{path}: column '{name}' holds whole numbers beyond 2^53, which lose digits as float64. Count it "
+                "from its first value, or in a coarser unit."
+            ) from None
+        raise RecordingError(f"{path}: column '{name}' is {values.type}; it must be numbers.") from None
 
 
 def write_columns(recording: Recording, path: Path) -> None:

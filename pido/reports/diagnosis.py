@@ -19,7 +19,7 @@ from pido.accepted import INSTANT, name_of
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, POSITION, UNITS, VELOCITY
 from pido.core.recording import Recording
-from pido.diagnosis.comparable import SHORT_S
+from pido.diagnosis.comparable import SHORT_S, without_wild
 from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.estimate import FORM
 from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, PartSeries
@@ -38,7 +38,9 @@ MOST_FAULTS = 40
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
     """The page; plots are drawn for the strongest finding of each axis."""
-    by_part = {r.part.part: r for r in recordings}
+    pair = pair_of(diagnosis.model)
+    compared = recordings if pair is None else [pair.of(r) for r in recordings]
+    by_part = {r.part.part: r for r in without_wild(compared, [])}
     machines = sorted({r.part.machine for r in recordings})
     sections = [_overview(diagnosis)] if diagnosis.findings else []
     drawn: set[str] = set()
@@ -219,13 +221,6 @@ def _unit(diagnosis: Diagnosis) -> str:
     return f" {unit}" if unit else ""
 
 
-def _recorded(diagnosis: Diagnosis, recording: Recording, axis: str) -> Float1D | None:
-    """The recorded signal that was compared on this axis."""
-    pair = pair_of(diagnosis.model)
-    measured = recording if pair is None else pair.of(recording)
-    return measured.columns.get(CURRENT[axis])
-
-
 def _what_to_record(diagnosis: Diagnosis) -> list[str]:
     return [
         f"Axis {f.axis}, {f.mechanism} or {a.mechanism}: {a.to_tell_apart}"
@@ -251,7 +246,7 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
         return []
     part = max(shown, key=lambda p: float(np.nanmax(np.abs(shown[p].mismatch[axis]), initial=0.0)))
     recording, series = by_part[part], shown[part]
-    recorded = _recorded(diagnosis, recording, axis)
+    recorded = recording.columns.get(CURRENT[axis])
     label = _label(diagnosis)
     return [
         _worst_place(part, axis, label, recorded, series),
@@ -290,7 +285,7 @@ def _clean(diagnosis: Diagnosis, by_part: dict[str, Recording]) -> list[figure]:
     for axis in diagnosis.clean_axes:
         seen = {}
         for part, series in diagnosis.parts.items():
-            recorded = _recorded(diagnosis, by_part[part], axis)
+            recorded = by_part[part].columns.get(CURRENT[axis])
             if axis in series.corrected and recorded is not None:
                 seen[part] = (float(np.nanstd(recorded - series.corrected[axis])), recorded)
         if seen:

@@ -89,6 +89,13 @@ def test_an_unknown_option_is_a_wrong_call(verb, call):
     assert "no-such-option" in err
 
 
+@pytest.mark.parametrize("verb", ["diagnose", "experiment", "plan", "iterate"])
+def test_a_seed_below_zero_is_a_wrong_call(verb, call):
+    code, out, err = call(verb, "--seed", "-1")
+    assert (code, out) == (2, "")
+    assert "'--seed': -1 is not in the range x>=0" in err
+
+
 def test_an_unknown_verb_is_a_wrong_call_that_names_the_near_one(call):
     code, _, err = call("diagnos")
     assert code == 2

@@ -209,6 +209,16 @@ def test_a_column_without_any_value_is_as_one_that_was_not_recorded(made, diagno
     assert (code, found) == (0, [("x", "viscous_friction")]), err
 
 
+def test_a_simulation_without_any_value_gives_way_to_the_equation(made, diagnose):
+    empty = np.full(ROWS, True)
+    without = diagnose(*made(lambda c, k: {n: v for n, v in c.items() if n != "curr_x_sim"}))
+    code, found, clean, err = diagnose(*made(lambda c, k: blank(c, "curr_x_sim", empty)))
+    assert (code, found, clean) == without[:3]
+    assert code == 0
+    assert "curr_x_sim: without any value in any part, and taken as not recorded" in err
+    assert "axis x: no simulated current; compared with the physical equation" in err
+
+
 def test_a_speed_in_another_unit_is_said_and_what_was_found_stands_beside_it(made, diagnose, tmp_path):
     code, _, _, err = diagnose(*made(lambda c, k: only(c, "x") | {"v_x": 60.0 * c["v_x"]}, count=1))
     assert code == 0
@@ -236,7 +246,7 @@ def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pa
     )
     wrong = next(f for f in details["faults"] if f["column"] == "v_x")
     assert (wrong["part"], wrong["t_start"], wrong["t_end"]) == ("p2", 14.0, pytest.approx(14.02))
-    assert "first in part p2 at 1" in fault["where"]["summary"]
+    assert fault["where"]["summary"].startswith("a_x and v_x are wrong in 1 place, first in part p2 at 1")
     fit, judged = fault["fit"], "y" if pair else "x"
     tables = [_columns(k, ROWS) for k in (1, 2, 3)]
     left = np.concatenate([t[f"curr_{judged}"] - t[f"curr_{judged}_sim"] for t in tables])
@@ -284,3 +294,11 @@ def test_parts_at_different_rates_are_judged_together_and_half_a_simulation_says
     code, found, _, err = diagnose(*made(change))
     assert (code, found) == (0, [("x", "viscous_friction")])
     assert "covers 50% of part p2" in err
+
+
+def test_a_tool_that_is_not_named_at_first_is_no_hindrance(made, diagnose, call, tmp_path):
+    tool = np.array([None] * 40 + ["T1"] * (ROWS - 40), object)
+    parts = made(lambda c, k: only(c, "x") | {"tool_id": tool})
+    code, found, _, err = diagnose(*parts)
+    assert (code, found) == (0, [("x", "viscous_friction")]), err
+    assert call("correct", tmp_path / "out", parts[0], "--out", tmp_path / "corrected.parquet")[0] == 0

@@ -124,5 +124,67 @@ def test_swapped_columns_and_those_of_two_axes_are_refused_with_the_call_that_is
     assert all(call in str(refused.value) for call in meant)
 
 
+def measured(place, change):
+    """Three parts whose measured force is what `change(time, simulated, number)` makes of the simulated one."""
+    made = []
+    for k in (1, 2, 3):
+        recording = read_recording(part(place, k))
+        t = recording.time
+        simulated = 250 * np.sin(0.7 * t + k) + 150 * np.sin(1.9 * t)
+        made.append(recording.with_columns(f_x_sim=simulated, f_x=change(t, simulated, k)))
+    return made
+
+
+def noise(t, k):
+    return np.random.default_rng(k).normal(0, 5, len(t))
+
+
+@pytest.mark.parametrize(
+    ("change", "mechanism", "says"),
+    [
+        (
+            lambda t, s, k: np.minimum(s + noise(t, k), 300.0),
+            "sensor_clipping",
+            ("f_x = min(max(I, lowest), highest)", "wherever f_x reaches 300 N", ("f_x >= 300",)),
+        ),
+        (
+            lambda t, s, k: np.interp(t - 0.08, t, s) + noise(t, k),
+            "time_misalignment",
+            ("f_x(t) = f_x_sim(t - shift)", "at every change of f_x: the recording comes ", ()),
+        ),
+    ],
+)  # fmt: skip
+def test_a_fault_of_the_data_is_told_with_the_names_and_unit_of_the_pair(change, mechanism, says, tmp_path):
+    found = diagnose(measured(tmp_path, change), pair="f_x:f_x_sim")
+    (finding,) = [f for f in found.findings if f.mechanism == mechanism]
+    equation, summary, conditions = says
+    assert (finding.equation, finding.where.conditions) == (equation, conditions)
+    assert finding.where.summary.startswith(summary)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda t, s, k: np.full(len(t), 7.0), "'f_x' is constant"),
+        (lambda t, s, k: s + np.where(k == 2, np.nan, 1.0), "'f_x' has no value in p2"),
+        (lambda t, s, k: np.where(np.arange(len(t)) % 5 > 0, np.nan, s), "have both 'f_x' and 'f_x_sim'"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_with_the_names_of_the_pair(change, says, tmp_path):
+    with pytest.raises(DiagnosisError) as refused:
+        diagnose(measured(tmp_path, change), pair="f_x:f_x_sim")
+    assert says in str(refused.value)
+    assert "curr" not in str(refused.value)
+
+
+def test_wrong_samples_of_a_pair_are_said_of_its_column(tmp_path):
+    found = diagnose(
+        measured(tmp_path, lambda t, s, k: s + noise(t, k) + 1e6 * ((k == 2) & (np.arange(len(t)) == 500))),
+        pair="f_x:f_x_sim",
+    )
+    (said,) = [note for note in found.notes if "set aside" in note]
+    assert "1 sample of 'f_x' is set aside" in said
+
+
 def test_a_correction_by_a_swapped_pair_that_was_accepted_once_is_still_read():
     assert str(pair_of({"pair": "f_x_sim:f_x"})) == "f_x_sim:f_x"

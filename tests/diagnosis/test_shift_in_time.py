@@ -14,6 +14,7 @@ from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.timing import find_delay
 from pido.diagnosis.whiten import Noise
+from pido.reports.diagnosis import verdict
 from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
 
 
@@ -91,3 +92,27 @@ def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late, 
     rng = np.random.default_rng(2)
     found = diagnose([shifted(r, rng) for r in recordings()])
     assert [(f.axis, f.mechanism) for f in found.findings] == [("x", "time_misalignment")]
+
+
+def test_no_axis_that_is_late_as_well_is_called_clean():
+    """x and y come 80 ms late; z stands still, and its current is as simulated."""
+
+    def late(recording, rng):
+        t = recording.time
+        columns = {"time": t}
+        for axis, feed in (("x", 1.0), ("y", 0.7)):
+            v = np.roll(recording["v_x"], 700 if axis == "y" else 0)
+            sim = 0.5 * np.sign(v) + 0.03 * feed * v
+            seen = np.interp(t - 0.08, t, sim) + rng.normal(0, NOISE, len(t))
+            columns |= {f"v_{axis}": v, f"a_{axis}": np.gradient(v, t), f"curr_{axis}_sim": sim, f"curr_{axis}": seen}
+        held = 1.5 + 0.01 * np.sin(0.3 * t)
+        columns |= {"v_z": np.zeros(len(t)), "curr_z_sim": held, "curr_z": held + rng.normal(0, NOISE, len(t))}
+        return Recording(recording.part, columns)
+
+    rng = np.random.default_rng(4)
+    found = diagnose([late(r, rng) for r in recordings()])
+    assert [f.mechanism for f in found.findings] == ["time_misalignment"]
+    assert found.clean_axes == ("z",)
+    (where,) = (f.where.summary for f in found.findings)
+    assert where.endswith(", on x as well") or where.endswith(", on y as well")
+    assert "Nothing significant on: z." in verdict(found)

@@ -125,3 +125,14 @@ def test_a_part_that_does_not_say_its_tool_is_refused_and_the_only_tool_of_a_par
         law.regressors(silent)
     (only,) = axis_states([with_info(part(0), tools={"8": PartTool(diameter_mm=6.0)})], "x")
     np.testing.assert_array_equal(law.regressors(only)[:, 1], signals(only)["a_x"][0])
+
+
+@pytest.mark.parametrize(
+    "column", [np.array([None, None, "3", "8"], object), np.array([np.nan, np.nan, 3.0, 8.0]), ["", "", 3.0, "8"]]
+)
+def test_an_empty_cell_says_no_tool(column):
+    moving = np.array([0.0, 1.0, 2.0, 1.0])
+    columns = {"time": np.arange(4) * 0.02, "v_x": moving, "a_x": moving, "curr_x": moving}
+    column = np.asarray(column, object) if isinstance(column, list) else column
+    (state,) = axis_states([Recording(PartInfo(part="p", machine="m"), columns | {"tool_id": column})], "x")
+    assert list(state.tool_id) == ["", "", "3", "8"]

@@ -93,6 +93,7 @@ def test_currents_in_milliampere_are_beyond_the_drive():
         ("v_sp", lambda v: v * 0 + 9e6, slice(1000, 1004), "counter_reset"),
         ("v_x", lambda v: v * 0 + 9e4, slice(1000, 1002), "impossible_speed"),
         ("curr_z", lambda c: np.clip(c, -2.03, 2.03), slice(None), "clipped"),
+        ("curr_x", lambda c: c * 0 - 9999.0, slice(500, 503), "wild_current"),
     ],
 )
 def test_damage_is_found_where_it_was_done_and_its_samples_are_left_out(column, change, rows, kind):

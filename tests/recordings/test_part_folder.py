@@ -129,6 +129,40 @@ def test_text_where_numbers_belong_is_refused(folder):
         read_recording(folder)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        pa.array(np.arange(60) * 20_000, pa.timestamp("us")),
+        pa.array(["rough"] * 20 + ["finish"] * 40).dictionary_encode(),
+        pa.array([2**60 + 1] * 60),
+        pa.array([{"a": 1}] * 60),
+        pa.array([b"x"] * 60, pa.binary()),
+    ],
+    ids=lambda values: str(values.type).partition("<")[0],
+)
+def test_a_further_column_that_is_no_number_is_noted_like_one_of_text(folder, values):
+    file = folder / "recording.parquet"
+    before = read_recording(folder)
+    pq.write_table(pq.read_table(file).append_column("operation", values), file)
+    recording = read_recording(folder)
+    assert set(recording.columns) == set(before.columns)
+    assert recording.notes == ("columns that the contract does not know: operation",)
+    pq.write_table(pq.read_table(file).append_column("nc_line", values), file)
+    with pytest.raises(RecordingError, match="'nc_line'"):
+        read_recording(folder)
+
+
+def test_a_tool_given_as_a_category_is_its_name_or_number(folder):
+    file = folder / "recording.parquet"
+    table = pq.read_table(file)
+    for given in (["T1", None, "T2"], [1, None, 2]):
+        column = pa.array(np.repeat(given, 20).tolist()).dictionary_encode()
+        pq.write_table(table.set_column(table.schema.get_field_index("tool_id"), "tool_id", column), file)
+        read = read_recording(folder)["tool_id"]
+        assert read[[0, 59]].tolist() == [given[0], given[2]]
+        assert read[20] is None or np.isnan(read[20])
+
+
 def test_only_a_part_json_that_belongs_to_the_recording_says_its_machine(tmp_path):
     """A CSV beside a part.json is of a machine that its reader assumes."""
     part = write_folder(Recording(PartInfo(part="p", machine="m"), {"time": np.arange(60) / 50.0}), tmp_path / "p")
