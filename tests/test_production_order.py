@@ -111,6 +111,22 @@ def test_a_version_judged_beside_another_champion_is_judged_again_beside_the_one
     assert record.version == 3
 
 
+def test_a_version_is_judged_by_errors_of_its_own_settings_alone(folders, tmp_path, without_mlflow):
+    workspace, file = workspace_at(tmp_path / "plant"), tmp_path / "plant" / "workspace.toml"
+    run(workspace, *folders)
+    first, (*_, newest) = file.read_text(), Ledger(workspace.ledger).parts("cmx600v")
+    for settings in (first + "rows_max = 300\n", first + "rows_max = 500\n", "seed = 3\n" + first):
+        file.write_text(settings)
+        plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)
+        gate = Ledger(workspace.ledger).versions("cmx600v")[-1].gate
+        measured = Ledger(workspace.ledger).iterations("cmx600v")[-1].summary["metrics"]
+        assert gate["parts"] == [newest]
+        for axis, change in gate["change"].items():
+            assert change == measured[axis]["both"]["rmse"] / measured[axis]["constant"]["rmse"] - 1
+    versions = Ledger(workspace.ledger).versions("cmx600v")
+    assert [len(one.gate.get("parts", [])) for one in versions] == [0, 1, 2, 1, 1, 1]
+
+
 def test_no_number_about_a_part_comes_from_that_part(folders, tmp_path, without_mlflow):
     """What was predicted for the arriving part stays the same when its currents are others."""
     said = []
