@@ -3,7 +3,8 @@
 In:  a workspace, a challenger's parts and how it was made. Out: the gate's verdict, as plain values.
 
 The challenger's error on a part is that of models made in the same way without it, as they stood when the part came:
-the ledger has it. What was made in another way says nothing of this challenger and is not used.
+the ledger has it. What was made in another way says nothing of this challenger and is not used, nor what was measured
+on other rows than the champion can be measured on now: an alarm answered since takes its rows out of a part.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from pido.core.arrays import Float1D
 from pido.core.axes import AXES
 from pido.core.errors import RegistryError
+from pido.core.samples import Samples
 from pido.models.axis_models import AxisModels
 from pido.models.metrics import metrics
 from pido.models.promotion import gate
@@ -21,6 +24,7 @@ from pido.parts import samples_of
 from pido.store import Store
 from pido.tracking import bundle, model_files, promotion
 from pido.tracking.ledger import Iteration, Ledger, Version
+from pido.tracking.report_files import foretold_at
 from pido.workspace import Workspace, code_version
 
 Making = dict[str, Any]
@@ -73,7 +77,9 @@ def verdict(
             otherwise += digest in history.measured
     if not usable:
         when = "trained" if now is None else "trained for the present champion"
-        same = " and was foretold with the same settings, code and accepted physics" if otherwise else ""
+        same = (
+            " and was foretold on the same rows, with the same settings, code and accepted physics" if otherwise else ""
+        )
         return {"passed": False, "words": f"no part yet that was not {when}{same}; the next part decides"}
 
     def rmse(variant: str) -> dict[str, np.ndarray]:
@@ -111,7 +117,16 @@ class _History:
         digest = self._bundles[one.version]
         # Of a bundle that somebody has cleared away nobody can say how it was made.
         there = (self._workspace.bundles / digest).exists()
-        return there and _making(one, bundle.load(self._workspace.bundles, digest).content) == self._making
+        made = there and _making(one, bundle.load(self._workspace.bundles, digest).content) == self._making
+        return made and np.array_equal(
+            foretold_at(self._workspace.runs, one.run_key),
+            clock(self._workspace, samples_of(self._workspace, one.part)),
+        )
+
+
+def clock(workspace: Workspace, path: Samples) -> Float1D:
+    """When the rows of a part were, s, by their number: with it an iteration writes down what it said of which."""
+    return path.row / workspace.settings.rate_hz
 
 
 def _making(one: Iteration, content: dict[str, Any]) -> Making:

@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 
 from pido import accepted, iteration
-from pido.comparison import making_of, models_in, verdict
+from pido.comparison import clock, making_of, models_in, verdict
 from pido.core.axes import AXES
 from pido.core.columns import INPUTS
 from pido.core.errors import PidoError, StoreError
@@ -384,7 +384,7 @@ def _trace(place: _Place) -> pd.DataFrame:
         return pd.DataFrame({"time": []})
     path, said = place.path(BEFORE), _load_predictions(place.folder / "said.parquet")
     said |= _load_predictions(place.folder / "other_end.parquet")
-    columns = {"time": path.row / place.workspace.settings.rate_hz}
+    columns = {"time": clock(place.workspace, path)}
     for i, axis in enumerate(AXES):
         columns[f"measured_{axis}"] = path.currents[:, i]
         columns |= {f"{name}_{axis}": values[:, i] for name, values in said.items()}

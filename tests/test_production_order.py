@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from plain_parts import parts as made_up
 
-from pido import plain, production
+from pido import comparison, plain, production
 from pido.approval import approve
 from pido.cli import pido
 from pido.core.errors import PidoError
@@ -125,6 +125,30 @@ def test_a_version_is_judged_by_errors_of_its_own_settings_alone(folders, tmp_pa
             assert change == measured[axis]["both"]["rmse"] / measured[axis]["constant"]["rmse"] - 1
     versions = Ledger(workspace.ledger).versions("cmx600v")
     assert [len(one.gate.get("parts", [])) for one in versions] == [0, 1, 2, 1, 1, 1]
+
+
+def test_challenger_and_champion_are_compared_on_the_same_rows_also_after_a_true_alarm(
+    folders, tmp_path, without_mlflow
+):
+    workspace, machine = workspace_at(tmp_path / "plant"), "cmx600v"
+    run(workspace, *folders)
+    _, second, third = Ledger(workspace.ledger).parts(machine)
+    Ledger(workspace.ledger).judged(machine, 1, {"passed": True, "words": "set by this test"})
+    promotion.approve(workspace, machine, 1, by="ann", reason="a test")
+    book = Book(workspace, machine)
+    alarm = {"id": "a1", "part": "demo-02", "axis": "x", "t_start": 2.0, "t_end": 5.0, "tool": "", "block": 1,
+             "size_a": 1.0, "spreads": 9.0, "looks_like": "unknown"}  # fmt: skip
+    book.verdict({"part": "demo-02", "digest": second, "machine": machine, "good": False, "alarms": [alarm]})
+    gates = []
+    for answer in (None, True, False):
+        if answer is not None:
+            book.answer("a1", true=answer, by="ann", reason="a test")
+            plain.retrain_all(workspace, lambda *about: None)
+        # What is waiting is judged beside the champion, as approving does.
+        waiting = promotion.current(workspace, machine)
+        assert waiting is not None
+        gates.append(comparison.judge_again(workspace, waiting)["parts"])
+    assert gates == [[second, third], [third], [second, third]]
 
 
 def test_no_number_about_a_part_comes_from_that_part(folders, tmp_path, without_mlflow):
