@@ -28,7 +28,7 @@ from pido import accepted, iteration
 from pido.comparison import clock, making_of, models_in, verdict
 from pido.core.axes import AXES
 from pido.core.columns import INPUTS
-from pido.core.errors import PidoError, StoreError
+from pido.core.errors import PidoError, SettingsFileError, StoreError
 from pido.core.files import write_atomically
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, Samples
@@ -59,13 +59,19 @@ class _Place:
     """One iteration on its way: its plan, its folder, and what every stage needs from the settings."""
 
     def __init__(self, root: str, key: str) -> None:
-        workspace = Workspace.open(root)
-        self.folder = workspace.work / key
+        self.folder = Workspace.open(root).work / key
         try:
             self.plan: dict[str, Any] = json.loads((self.folder / "plan.json").read_text(encoding="utf-8"))
         except OSError:
             raise StoreError(f"{self.folder}: no such iteration is on its way; begin it first.") from None
+        workspace = Workspace.open(root, **self.plan.get("settings", {}))  # older plans have none
         self.workspace = workspace.excluding(self.plan["machine"], self.plan["excluded"])
+        if self.workspace.run_key(self.plan["machine"], self.plan["parts"]) != key:
+            raise SettingsFileError(
+                f"{root}: a setting, a file that settings name (job, machines, materials), accepted physics or the "
+                "program was changed while an iteration was on its way, which would be half of each. Nothing of it was "
+                "published: run it again."
+            )
         self.machine: Machine = machine_of(self.workspace, self.plan["machine"])
         self.accepted = accepted.terms(self.workspace, self.machine)
         recipe = recipe_of(self.workspace)
@@ -138,8 +144,8 @@ def begin(root: str, machine: str, part: str | None) -> str:
     before, retrains on what is known, and the newest part in production order is what the models are compared on.
 
     The parts are those that went through an iteration already, and the arriving one: a part that was only put into
-    the store waits for its own turn. What people said not to learn from is fixed here, for all stages: an answer that
-    comes meanwhile counts for the next iteration.
+    the store waits for its own turn. What people said not to learn from and the settings are fixed here, for all
+    stages: an answer that comes meanwhile, or a change of `workspace.toml`, counts for the next iteration.
     """
     workspace = Workspace.open(root)
     excluded = workspace.excluded(machine)
@@ -160,7 +166,8 @@ def begin(root: str, machine: str, part: str | None) -> str:
         if stale.name != key and plan.exists() and json.loads(plan.read_text())["machine"] == machine:
             shutil.rmtree(stale)  # the machine's lock is ours: nobody works there any more
     arriving = part if part and part not in before else order[-1]
-    plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded}
+    settings = workspace.settings.model_dump(mode="json", exclude={"tracking_uri", "approval_token_sha256"})
+    plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded, "settings": settings}
     write_atomically(workspace.work / key / "plan.json", json.dumps(plan))
     return key
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import resource
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,7 +19,7 @@ from plain_parts import parts as made_up
 from pido import comparison, plain, production
 from pido.approval import approve
 from pido.cli import pido
-from pido.core.errors import PidoError
+from pido.core.errors import PidoError, SettingsFileError
 from pido.core.samples import Samples
 from pido.files.samples import load_samples, samples_digest, save_samples
 from pido.iteration import iterate
@@ -200,9 +201,38 @@ def test_an_answer_to_an_alarm_during_an_iteration_counts_for_the_next_one(folde
     assert production.begin(root, arrived["machine"], None) != key
 
 
-def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
-    import shutil
+def test_a_change_of_settings_during_an_iteration_counts_for_the_next_one(folders, tmp_path, without_mlflow):
+    undisturbed, place = workspace_at(tmp_path / "undisturbed"), workspace_at(tmp_path / "plant")
+    run(undisturbed, folders[0])
+    root, file = str(place.root), place.root / "workspace.toml"
+    arrived = ingest(root, str(folders[0]))
+    key = production.begin(root, arrived["machine"], arrived["part"])
+    text = file.read_text()
+    for number, stage in enumerate(production.STAGES):
+        stage(root, key)
+        file.write_text(f"seed = {number + 1}\n{text}rows_max = {number + 10}\n")
+    assert final_state(place) == final_state(undisturbed)
+    assert production.begin(root, arrived["machine"], None) != key
 
+
+def test_an_iteration_does_not_go_on_with_another_file_of_materials_than_it_began_with(
+    folders, tmp_path, without_mlflow
+):
+    place = workspace_at(tmp_path / "plant")
+    root, file, materials = str(place.root), place.root / "workspace.toml", place.root / "own.toml"
+    file.write_text('materials_file = "own.toml"\n' + file.read_text())
+    materials.write_text("")
+    arrived = ingest(root, str(folders[0]))
+    key = production.begin(root, arrived["machine"], arrived["part"])
+    production.bins(root, key)
+    materials.write_text("# another one\n")
+    with pytest.raises(SettingsFileError, match=r"materials.* changed while an iteration was on its way.*run it again"):
+        production.refit(root, key)
+    assert Ledger(place.ledger).parts("cmx600v") == []
+    run(place, folders[0])
+
+
+def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
     workspace = workspace_at(tmp_path / "plant")
     run(workspace, folders[0], folders[0])
     again = tmp_path / "copied elsewhere"
@@ -238,8 +268,6 @@ def test_a_known_part_with_other_content_is_refused_and_nothing_changes(folders,
 
 
 def test_a_file_that_changes_while_it_is_read_is_left_for_later(folders, tmp_path, monkeypatch):
-    import shutil
-
     from pido import parts
 
     workspace = workspace_at(tmp_path / "plant")
