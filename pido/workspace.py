@@ -29,7 +29,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -295,9 +294,13 @@ class Workspace:
             yield
 
 
-@cache
 def code_version() -> str:
-    """Version of the package and a digest of the code that decides results."""
+    """Version of the package and a digest of the code that decides results, as it was when this process began: that is
+    what runs, also in forks of it, whatever is installed meanwhile."""
+    return _CODE
+
+
+def _code() -> str:
     package = files("pido")
     sources = hashlib.sha256()
     for folder in _METHOD:
@@ -310,6 +313,9 @@ def code_version() -> str:
 def _sources(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted(folder.rglob("*.py")):
         yield str(path.relative_to(folder)), path.read_bytes()
+
+
+_CODE = _code()
 
 
 def digest_of(content: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import resource
 import shutil
 import subprocess
@@ -230,6 +231,34 @@ def test_an_iteration_does_not_go_on_with_another_file_of_materials_than_it_bega
         production.refit(root, key)
     assert Ledger(place.ledger).parts("cmx600v") == []
     run(place, folders[0])
+
+
+UPGRADED = """
+import multiprocessing, pathlib, sys
+def report(queue):
+    from pido import iteration, workspace
+    queue.put((hasattr(iteration, "NEW"), workspace.code_version()))
+if __name__ == "__main__":
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["pido.workspace", "pido.iteration"])
+    queue = context.Queue()
+    for _ in range(2):
+        context.Process(target=report, args=(queue,)).start()
+        print(*queue.get())
+        with (pathlib.Path(sys.argv[1]) / "pido" / "iteration.py").open("a") as file:
+            file.write("NEW = True\\n")
+"""
+
+
+def test_a_worker_that_runs_on_while_pido_is_upgraded_says_which_code_it_runs(tmp_path):
+    shutil.copytree(Path(production.__file__).parent, tmp_path / "pido", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "worker.py").write_text(UPGRADED)
+    call = [sys.executable, str(tmp_path / "worker.py"), str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    said = subprocess.run(call, check=True, capture_output=True, text=True, env=environment, timeout=120).stdout
+    before, after = said.splitlines()
+    assert before == after
+    assert before.startswith("False ")
 
 
 def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
