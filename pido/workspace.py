@@ -15,7 +15,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       monitor/         verdicts, alarms and the answers to them, per machine
       diagnosis/       what the simulation of the newest parts left out, per machine (can be deleted)
       backlog/         what in an inbox could not be done yet
-      workspace.id     which it is, on a Prefect server that several share
+      workspace.id     which it is, on a Prefect or MLflow server that several share
 """
 
 from __future__ import annotations
@@ -190,7 +190,16 @@ class Workspace:
     def tracking_uri(self) -> str:
         """Of MLflow: the settings' server, else the one in the environment, else a SQLite file in the workspace."""
         named = self.settings.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
-        return named or f"sqlite:///{self.root / 'mlflow.db'}"
+        return named or self._own_tracking
+
+    @property
+    def _own_tracking(self) -> str:
+        return f"sqlite:///{self.root / 'mlflow.db'}"
+
+    @property
+    def tracks_alone(self) -> bool:
+        """Whether MLflow is the file in the workspace, which is no other workspace's and goes where it goes."""
+        return self.tracking_uri == self._own_tracking
 
     def job(self, machine: str) -> Job | None:
         """What is cut with what on `machine` where a part does not say it itself, or None."""

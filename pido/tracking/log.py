@@ -28,7 +28,17 @@ from pido.tracking.bundle import Bundle, load
 from pido.tracking.figures import figures, markdown, table
 from pido.tracking.ledger import Iteration, Ledger
 from pido.tracking.mirror import behind, reconcile
-from pido.tracking.mlflow_store import client, experiment, model_names, not_installed
+from pido.tracking.mlflow_store import (
+    BUNDLE,
+    KEY,
+    OWNER,
+    VERSION,
+    client,
+    ending,
+    experiment,
+    model_names,
+    not_installed,
+)
 from pido.tracking.report_files import RunFiles
 from pido.workspace import Workspace
 
@@ -36,8 +46,6 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 log = logging.getLogger(__name__)
-KEY = "pido.run_key"
-VERSION = "pido.version"
 
 
 def log_pending(workspace: Workspace) -> int:
@@ -107,7 +115,8 @@ def _write(
         "pido.machine": iteration.machine,
         "pido.part": summary["part"]["name"],
         "pido.part_digest": summary["part"]["digest"],
-        "pido.bundle": summary["bundle"],
+        BUNDLE: summary["bundle"],
+        OWNER: workspace.id,
         "pido.code": summary["code"],
         "pido.physics": ", ".join(summary.get("physics", {}).get("accepted", [])) or "none",
         **{f"pido.data.{name}": str(d["digest"]) for name, d in summary["data"].items()},
@@ -131,7 +140,7 @@ def _write(
             write_page(iteration_page(files, iteration.version, earlier), Path(folder) / "index.html")
             mlflow.log_artifacts(folder, "report")
         # Models before metrics: MLflow reads the history of every metric of the run again for each model it logs.
-        _register(store, run_id, iteration, bundle)
+        _register(workspace, store, run_id, iteration, bundle)
         # Not `mlflow.log_metrics`: it would write each of them once more for each of the four models.
         now = int(time.time() * 1000)
         store.log_batch(run_id, [Metric(name, value, now, 0) for name, value in _metrics(summary).items()])
@@ -158,14 +167,15 @@ def _log_data(workspace: Workspace, files: RunFiles) -> None:
         mlflow.log_input(data, context="training", tags={"sha256": about["digest"], "rows": str(about["rows"])})
 
 
-def _register(store: MlflowClient, run_id: str, iteration: Iteration, bundle: Bundle) -> None:
+def _register(workspace: Workspace, store: MlflowClient, run_id: str, iteration: Iteration, bundle: Bundle) -> None:
     """Four models; a bundle that has its version already is not registered a second time."""
     import mlflow
     from mlflow.models import infer_signature
 
-    tags = {VERSION: str(iteration.version), "pido.bundle": bundle.digest, KEY: iteration.run_key}
-    for axis, name in model_names(iteration.machine).items():
-        if f"{axis}.skops" not in bundle.files or _versions(store, name, iteration.version):
+    own = {VERSION: str(iteration.version), BUNDLE: bundle.digest}
+    tags = {**own, KEY: iteration.run_key, OWNER: workspace.id}
+    for axis, name in model_names(iteration.machine, ending(workspace, store, iteration.machine)).items():
+        if f"{axis}.skops" not in bundle.files or _registered(store, name, own):
             continue
         data = bundle.read(f"{axis}.skops")
         estimator = model_files.load(data)
@@ -190,9 +200,9 @@ def _register(store: MlflowClient, run_id: str, iteration: Iteration, bundle: Bu
         )  # fmt: skip
 
 
-def _versions(store: MlflowClient, name: str, version: int) -> list[Any]:
-    found = store.search_model_versions(f"name = '{name}'")
-    return [v for v in found if v.tags.get(VERSION) == str(version)]
+def _registered(store: MlflowClient, name: str, tags: dict[str, str]) -> bool:
+    """Whether a version with these tags is there."""
+    return any(tags.items() <= v.tags.items() for v in store.search_model_versions(f"name = '{name}'"))
 
 
 def _metrics(summary: dict[str, Any]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -12,9 +13,9 @@ from pido import plain
 from pido.recordings.folder import write_folder
 from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
-from pido.tracking.log import KEY, log_pending
+from pido.tracking.log import log_pending
 from pido.tracking.mirror import reconcile
-from pido.tracking.mlflow_store import client, experiment, model_names
+from pido.tracking.mlflow_store import BUNDLE, KEY, OWNER, client, experiment, model_names
 from pido.workspace import Workspace
 
 pytestmark = [
@@ -125,6 +126,57 @@ def test_the_aliases_follow_what_is_in_force_in_the_workspace(workspace, monkeyp
                 number = {a: store.get_model_version_by_alias(name, a).tags["pido.version"] for a in
                           ("champion", "challenger")}  # fmt: skip
                 assert number == {"champion": "1", "challenger": "2"}
+
+
+def aliases(place: Workspace, name: str) -> dict[str, str]:
+    """Alias -> the bundle that it points at."""
+    with client(place) as store:
+        (model,) = store.search_registered_models(f"name = '{name}'")
+        return {a: store.get_model_version_by_alias(name, a).tags[BUNDLE] for a in model.aliases}
+
+
+def copy_on(server: str, workspace: Workspace, root: Path, seed: int) -> Workspace:
+    """Another workspace with the same parts and other models, that logs to a server with others."""
+    skipped = shutil.ignore_patterns("mlflow.db", "mlartifacts", "workspace.id", "registry")
+    shutil.copytree(workspace.root, root, ignore=skipped)
+    settings = root / "workspace.toml"
+    settings.write_text(f'seed = {seed}\ntracking_uri = "{server}"\n{settings.read_text()}')
+    place = Workspace.open(root)
+    with sqlite3.connect(place.ledger) as db:
+        db.executescript("DELETE FROM iterations; DELETE FROM versions")
+    db.close()
+    assert plain.retrain_all(place, lambda *a: None)["fault"] == ""
+    return place
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_workspaces_with_machines_of_one_name_on_one_server_have_models_and_aliases_of_their_own(
+    workspace, tmp_path, older
+):
+    server = f"sqlite:///{tmp_path / 'shared.db'}"
+    first = copy_on(server, workspace, tmp_path / "first", 1)
+    if older:  # which did not write down whose an experiment is
+        with sqlite3.connect(tmp_path / "shared.db") as db:
+            db.execute("DELETE FROM experiment_tags WHERE key = ?", (OWNER,))
+        db.close()
+    second = copy_on(server, workspace, tmp_path / "second", 2)
+    bundles = []
+    for place, names in ((first, model_names(MACHINE)), (second, model_names(MACHINE, f"-{second.id}"))):
+        (version,) = Ledger(place.ledger).versions(MACHINE)
+        bundles.append(version.bundle)
+        for name in names.values():
+            assert aliases(place, name) == {"challenger": version.bundle}
+        Ledger(place.ledger).judged(MACHINE, 1, {"passed": True, "words": "set by this test"})
+        promotion.approve(place, MACHINE, 1, by="A. Ito", reason="a test")
+        reconcile(place, MACHINE)
+    for bundle, ending in zip(bundles, ("", f"-{second.id}"), strict=True):
+        for name in model_names(MACHINE, ending).values():
+            assert aliases(first, name) == {"champion": bundle}
+    with client(first) as store:
+        assert experiment(first, store, MACHINE) == store.get_experiment_by_name(f"pido {MACHINE}").experiment_id
+    with client(second) as store:
+        (run,) = store.search_runs([experiment(second, store, MACHINE)])
+    assert run.data.tags[OWNER] == second.id
 
 
 def test_a_server_that_is_away_holds_no_iteration_up(tmp_path, monkeypatch):
