@@ -201,6 +201,12 @@ class Workspace:
         """Whether MLflow is the file in the workspace, which is no other workspace's and goes where it goes."""
         return self.tracking_uri == self._own_tracking
 
+    @property
+    def tracking_place(self) -> str:
+        """MLflow's address and whose names are used there, as a digest: an address may hold a password. That of the
+        workspace's own file does not change when the workspace is moved."""
+        return "own" if self.tracks_alone else digest_of([self.tracking_uri, self.id])[:16]
+
     def job(self, machine: str) -> Job | None:
         """What is cut with what on `machine` where a part does not say it itself, or None."""
         file = self.settings.jobs.get(machine)

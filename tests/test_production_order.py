@@ -323,11 +323,11 @@ def test_a_machine_that_fails_holds_up_neither_the_others_nor_mlflow(folders, tm
         run(workspace, folders[0], write_folder(other, tmp_path / "other"))
     ledger, file = Ledger(workspace.ledger), workspace.root / "workspace.toml"
     method = file.read_text()
-    assert len(ledger.not_logged()) == 2
+    assert len(ledger.not_logged(workspace.tracking_place)) == 2
     file.write_text('jobs = { cmx600v = "a.toml", dmc60h = "b.toml" }\n' + method)
     with pytest.raises(PidoError, match=r"(?s)2 machine.*cmx600v: .*a\.toml.*dmc60h: .*b\.toml"):
         plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)
-    assert ledger.not_logged() == []
+    assert ledger.not_logged(workspace.tracking_place) == []
     file.write_text('seed = 1\njobs = { cmx600v = "a.toml" }\n' + method)
     with pytest.raises(PidoError, match=r"1 machine.*\n  cmx600v: .*a\.toml"):
         plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)

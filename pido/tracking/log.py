@@ -21,6 +21,7 @@ import pandas as pd
 
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT
+from pido.core.errors import RegistryError, StoreError
 from pido.reports.iteration import iteration_page
 from pido.reports.page import write_page
 from pido.tracking import model_files, report_files
@@ -49,46 +50,56 @@ log = logging.getLogger(__name__)
 
 
 def log_pending(workspace: Workspace) -> int:
-    """Log every finished iteration that MLflow has not got yet, oldest first, and bring the aliases up to date.
+    """Log every finished iteration that MLflow has not got yet, oldest first, and bring the aliases up to date. Where
+    MLflow is at another address than before, that is all of them.
 
-    Returns how many were logged. Raises whatever MLflow raises when it cannot be reached; nothing is lost by that.
+    Returns how many were logged. Raises whatever MLflow raises when it cannot be reached; nothing is lost by that. At
+    the end, StoreError with the iterations whose files are gone: they hold up no other.
     """
-    ledger = Ledger(workspace.ledger)
+    ledger, place = Ledger(workspace.ledger), workspace.tracking_place
+    gone: list[str] = []
     # One at a time: a second one would take the first one's unfinished run for what a kill has left.
     with workspace.lock("log"):
-        pending = ledger.not_logged()
+        pending = ledger.not_logged(place)
         for iteration in pending:
-            ledger.logged(iteration.run_key, log_iteration(workspace, iteration))
+            try:
+                ledger.logged(iteration.run_key, log_iteration(workspace, iteration), place)
+            except (StoreError, RegistryError) as error:
+                gone.append(f"version {iteration.version} of {iteration.machine}: {error}")
     machines = {iteration.machine for iteration in pending}
     for machine in ledger.machines():
         if machine in machines or behind(workspace, machine):
             reconcile(workspace, machine)
+    if gone:
+        raise StoreError(f"{len(gone)} iteration(s) cannot be logged, {gone[0]}")
     return len(pending)
 
 
 def try_log_pending(workspace: Workspace) -> tuple[int, str]:
-    """`log_pending`; where MLflow cannot be reached: (0, why), and everything waits for the next call."""
+    """`log_pending`; where MLflow cannot be reached, or files are gone: (0, why), and what it has not got waits for the
+    next call."""
     if missing := not_installed():
         return 0, missing
     from mlflow.exceptions import MlflowException
 
     try:
         return log_pending(workspace), ""
-    except (MlflowException, OSError) as error:
+    except (MlflowException, OSError, StoreError) as error:
         return 0, str(error).splitlines()[0]
 
 
 def log_iteration(workspace: Workspace, iteration: Iteration) -> str:
     """The id of the MLflow run of this iteration, which is written if it is not there."""
-    files = report_files.load(workspace.runs, iteration.run_key)
-    bundle = load(workspace.bundles, files.summary["bundle"])
     with client(workspace) as store, warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="mlflow")
         # MLflow tries the input example, which has names, on an estimator that was fitted on plain arrays
         warnings.filterwarnings("ignore", message="X has feature names")
         place = experiment(workspace, store, iteration.machine)
-        finished = _earlier(store, place, iteration)
-        return finished or _write(workspace, store, place, iteration, files, bundle)
+        if finished := _earlier(store, place, iteration):
+            return finished
+        files = report_files.load(workspace.runs, iteration.run_key)
+        bundle = load(workspace.bundles, files.summary["bundle"])
+        return _write(workspace, store, place, iteration, files, bundle)
 
 
 def _earlier(store: MlflowClient, place: str, iteration: Iteration) -> str | None:

@@ -43,7 +43,9 @@ def behind(workspace: Workspace, machine: str) -> bool:
 def up_to_date(workspace: Workspace) -> bool:
     """Whether MLflow has been told every iteration and every decision. No server is asked."""
     ledger = Ledger(workspace.ledger)
-    return not ledger.not_logged() and not any(behind(workspace, machine) for machine in ledger.machines())
+    return not ledger.not_logged(workspace.tracking_place) and not any(
+        behind(workspace, machine) for machine in ledger.machines()
+    )
 
 
 def _follow(workspace: Workspace, machine: str) -> None:

@@ -7,9 +7,12 @@ import sqlite3
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from plain_parts import parts as made_up
 
 from pido import plain
+from pido.cli.iterate import command as iterate
+from pido.cli.status import command as status
 from pido.recordings.folder import write_folder
 from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
@@ -179,6 +182,45 @@ def test_workspaces_with_machines_of_one_name_on_one_server_have_models_and_alia
     assert run.data.tags[OWNER] == second.id
 
 
+def test_a_server_that_is_named_later_gets_the_past_too_and_what_is_gone_holds_up_nothing(workspace, tmp_path):
+    root = tmp_path / "moving"
+    shutil.copytree(workspace.root, root)
+    embedded, ask = (root / "workspace.toml").read_text(), ["--workspace", str(root)]
+    for number, there in enumerate((2, 1)):  # iterations whose files are there
+        place = Workspace.open(root)
+        if there == 1:
+            shutil.rmtree(place.runs / Ledger(place.ledger).iterations(MACHINE)[0].run_key)
+        server = f"sqlite:///{tmp_path / str(number)}.db"
+        (root / "workspace.toml").write_text(f'tracking_uri = "{server}"\n{embedded}')
+        place = Workspace.open(root)
+        assert "2 iteration(s) are not in MLflow where" in CliRunner().invoke(status, ask).output
+        said = CliRunner().invoke(iterate, ask)
+        assert said.exit_code == 0
+        assert ("1 iteration(s) cannot be logged, version 1" in said.stderr) == (there == 1)
+        assert len(finished_runs(place)) == there
+        assert [len(v) for v in versions(place).values()] == [there] * 4
+        assert len(Ledger(place.ledger).not_logged(place.tracking_place)) == 2 - there
+        standing = {s.state: s.version.bundle for s in promotion.standings(place, MACHINE)}
+        challenger = {"challenger": standing["challenger"]} if "challenger" in standing else {}
+        assert challenger.items() <= aliases(place, model_names(MACHINE)["x"]).items()
+    (root / "workspace.toml").write_text(embedded)
+    assert CliRunner().invoke(iterate, ask).exit_code == 0
+    assert len(finished_runs(Workspace.open(root))) == 2, "they were there already"
+
+
+def test_a_ledger_of_an_older_version_does_not_say_where_and_nothing_is_logged_twice(workspace):
+    before = {run.info.run_id for run in finished_runs(workspace)}
+    with sqlite3.connect(workspace.ledger) as db:
+        db.execute("ALTER TABLE iterations DROP COLUMN place")
+    db.close()
+    ledger = Ledger(workspace.ledger)
+    assert len(ledger.not_logged(workspace.tracking_place)) == 2
+    log_pending(workspace)
+    assert ledger.not_logged(workspace.tracking_place) == []
+    assert {run.info.run_id for run in finished_runs(workspace)} == before
+    assert {one.logged for one in ledger.iterations(MACHINE)} == before
+
+
 def test_a_server_that_is_away_holds_no_iteration_up(tmp_path, monkeypatch):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     (tmp_path / "workspace.toml").write_text(
@@ -189,4 +231,4 @@ def test_a_server_that_is_away_holds_no_iteration_up(tmp_path, monkeypatch):
     answer = plain.run(place, [write_folder(part, tmp_path / "given" / "p")], None, lambda *a: None)
     assert [one["version"] for one in answer["done"]] == [1]
     assert "127.0.0.1" in answer["fault"]
-    assert len(Ledger(place.ledger).not_logged()) == 1
+    assert len(Ledger(place.ledger).not_logged(place.tracking_place)) == 1
