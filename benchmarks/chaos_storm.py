@@ -276,9 +276,9 @@ class Storm:
             take(place, folder)
 
         away = ended(start_process(lambda: attempt(NOBODY_THERE), self.log()))
-        waiting = bool(Ledger(place.ledger).not_logged())
+        waiting = bool(Ledger(place.ledger).not_logged(place.tracking_place))
         back = ended(start_process(lambda: attempt(None), self.log()))
-        if Ledger(place.ledger).not_logged():
+        if Ledger(place.ledger).not_logged(place.tracking_place):
             raise RuntimeError(f"MLflow is back and has not got every iteration:\n{self.log().read_text()[-2000:]}")
         return 1, int(waiting or not (away and back))
 

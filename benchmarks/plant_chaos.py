@@ -283,8 +283,7 @@ def in_mlflow(plant: Plant, machine: str) -> str:
     """'' where MLflow has every iteration once, every version of each model once, and the champion's alias."""
     from mlflow import MlflowClient
 
-    from pido.tracking.log import KEY, VERSION
-    from pido.tracking.mlflow_store import model_names
+    from pido.tracking.mlflow_store import KEY, VERSION, model_names
 
     with plant.as_client():
         client = MlflowClient(plant.settings.mlflow_uri, plant.settings.mlflow_uri)

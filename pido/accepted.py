@@ -130,7 +130,7 @@ def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str)
 def terms(workspace: Workspace, machine: Machine) -> tuple[tuple[AcceptedTerm, int], ...]:
     """What is in force, as terms with their number of columns."""
     now = in_force(journal(workspace, machine.id))
-    return tuple(as_term(f"{e.axis} {e.mechanism} {e.id}", e.axis, e.term, machine) for e in now)
+    return tuple(as_term(e.term_name, e.axis, e.term, machine) for e in now)
 
 
 def as_term(name: str, axis: str, term: Mapping[str, Any], machine: Machine) -> tuple[AcceptedTerm, int]:

@@ -26,7 +26,7 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
     now = promotion.champion(workspace, machine)
     found = promotion.version_of(workspace, machine, version)
     if now is not None and now.version != version and promotion.outdated(found, now):
-        from pido.production import judge_again
+        from pido.comparison import judge_again
 
         gate = judge_again(workspace, found)
         if not gate["passed"]:

@@ -34,6 +34,11 @@ class Entry:
     equation: str
     model: str  # SHA-256 of the model.json that it comes from
 
+    @property
+    def term_name(self) -> str:
+        """What it is called in equations, and where a run says with what it was trained."""
+        return f"{self.axis} {self.mechanism} {self.id}"
+
 
 def journal(workspace: Workspace, machine: str) -> list[Entry]:
     """All that was ever accepted and revoked, oldest first. RegistryError where it was changed outside the tool."""

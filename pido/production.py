@@ -25,30 +25,30 @@ import numpy as np
 import pandas as pd
 
 from pido import accepted, iteration
+from pido.comparison import clock, making_of, models_in, verdict
 from pido.core.axes import AXES
 from pido.core.columns import INPUTS
-from pido.core.errors import PidoError, StoreError
+from pido.core.errors import PidoError, SettingsFileError, StoreError
 from pido.core.files import write_atomically
 from pido.core.machining import Machine
 from pido.core.samples import PIA, PIE, Samples
 from pido.files import equations as equation_files
 from pido.files.samples import frame, load_samples, samples_digest, save_samples
 from pido.iteration import VARIANTS, Recipe
-from pido.models.axis_models import AxisModels, Trained
+from pido.models.axis_models import Trained
 from pido.models.inputs import NAMES, InputKind, model_inputs
 from pido.models.metrics import metrics
-from pido.models.promotion import gate
 from pido.monitoring.standing import other_end
 from pido.parts import entry_of, ingest, machine_of, recipe_of, samples_of, samples_path
 from pido.rows import training_rows
 from pido.sampling.method import Adaptation
 from pido.store import Store
-from pido.tracking import bundle, mirror, model_files, promotion
-from pido.tracking.ledger import Ledger, Version
+from pido.tracking import bundle, mirror, model_files
+from pido.tracking.ledger import Ledger
 from pido.tracking.report_files import OTHER_END, RunFiles
 from pido.workspace import Workspace, code_version, digest_of
 
-__all__ = ["STAGES", "begin", "clear", "done", "every_machine", "ingest", "log", "machines", "outcome"]
+__all__ = ["STAGES", "begin", "clear", "done", "every_machine", "ingest", "log", "machines", "models_in", "outcome"]
 log_ = logging.getLogger(__name__)
 
 BEFORE, ALL = "before", "all"
@@ -59,13 +59,19 @@ class _Place:
     """One iteration on its way: its plan, its folder, and what every stage needs from the settings."""
 
     def __init__(self, root: str, key: str) -> None:
-        workspace = Workspace.open(root)
-        self.folder = workspace.work / key
+        self.folder = Workspace.open(root).work / key
         try:
             self.plan: dict[str, Any] = json.loads((self.folder / "plan.json").read_text(encoding="utf-8"))
         except OSError:
             raise StoreError(f"{self.folder}: no such iteration is on its way; begin it first.") from None
+        workspace = Workspace.open(root, **self.plan.get("settings", {}))  # older plans have none
         self.workspace = workspace.excluding(self.plan["machine"], self.plan["excluded"])
+        if self.workspace.run_key(self.plan["machine"], self.plan["parts"]) != key:
+            raise SettingsFileError(
+                f"{root}: a setting, a file that settings name (job, machines, materials), accepted physics or the "
+                "program was changed while an iteration was on its way, which would be half of each. Nothing of it was "
+                "published: run it again."
+            )
         self.machine: Machine = machine_of(self.workspace, self.plan["machine"])
         self.accepted = accepted.terms(self.workspace, self.machine)
         recipe = recipe_of(self.workspace)
@@ -138,8 +144,8 @@ def begin(root: str, machine: str, part: str | None) -> str:
     before, retrains on what is known, and the newest part in production order is what the models are compared on.
 
     The parts are those that went through an iteration already, and the arriving one: a part that was only put into
-    the store waits for its own turn. What people said not to learn from is fixed here, for all stages: an answer that
-    comes meanwhile counts for the next iteration.
+    the store waits for its own turn. What people said not to learn from and the settings are fixed here, for all
+    stages: an answer that comes meanwhile, or a change of `workspace.toml`, counts for the next iteration.
     """
     workspace = Workspace.open(root)
     excluded = workspace.excluded(machine)
@@ -160,7 +166,8 @@ def begin(root: str, machine: str, part: str | None) -> str:
         if stale.name != key and plan.exists() and json.loads(plan.read_text())["machine"] == machine:
             shutil.rmtree(stale)  # the machine's lock is ours: nobody works there any more
     arriving = part if part and part not in before else order[-1]
-    plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded}
+    settings = workspace.settings.model_dump(mode="json", exclude={"tracking_uri", "approval_token_sha256"})
+    plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded, "settings": settings}
     write_atomically(workspace.work / key / "plan.json", json.dumps(plan))
     return key
 
@@ -244,7 +251,9 @@ def evaluate(place: _Place) -> None:
         said = iteration.rivals(path, place.rows(BEFORE)) | _load_predictions(place.folder / "said.parquet")
         found["metrics"] = _by_axis({name: metrics(path.currents, values) for name, values in said.items()})
     plan = place.plan
-    found["gate"] = _verdict(place.workspace, plan["machine"], plan["parts"], {plan["part"]: found["metrics"]})
+    making = making_of(place.workspace, plan["machine"], [term.name for term, _ in place.accepted])
+    measured = {plan["part"]: found["metrics"]}
+    found["gate"] = verdict(place.workspace, plan["machine"], plan["parts"], making, measured)
     place.write("evaluation", found)
 
 
@@ -357,57 +366,6 @@ def every_machine(root: str, work: Callable[[str], Any], log: Callable[[str], di
     return found, fault
 
 
-def models_in(found: bundle.Bundle) -> AxisModels:
-    """The four models of a bundle; every file is checked before it is opened."""
-    loaded = {a: model_files.load(found.read(f"{a}.skops")) for a in AXES if f"{a}.skops" in found.files}
-    return AxisModels(loaded, found.content["inputs"], found.content["seed"])
-
-
-def judge_again(workspace: Workspace, version: Version) -> dict[str, Any]:
-    """The gate's verdict on a version beside the champion that is in force now; nothing is written."""
-    known = set(bundle.load(workspace.bundles, version.bundle).content["parts"])
-    order = [e.digest for e in Store(workspace.store).entries() if e.digest in known]
-    return _verdict(workspace, version.machine, order, {})
-
-
-def _verdict(workspace: Workspace, machine: str, parts: list[str], measured: dict[str, Any]) -> dict[str, Any]:
-    """The gate, on the last parts that neither challenger nor champion had been trained on.
-
-    The challenger's error on a part is that of the same recipe trained without it, as it stood when the part came.
-
-    parts : the challenger's, in production order; measured : of the arriving part, which is not in the ledger yet
-    """
-    history = {i.part: i.summary["metrics"] for i in Ledger(workspace.ledger).iterations(machine)} | measured
-    usable = [d for d in parts if history.get(d)]
-    now = promotion.champion_bundle(workspace, machine)
-    if now is not None:
-        usable = [d for d in usable if d not in now.content["parts"]]
-    usable = usable[-workspace.settings.gate_parts :]
-    if not usable:
-        when = "trained" if now is None else "trained for the present champion"
-        return {"passed": False, "words": f"no part yet that was not {when}; the next part decides"}
-
-    def rmse(variant: str) -> dict[str, np.ndarray]:
-        return {d: np.array([_number(history[d], a, variant) for a in AXES]) for d in usable}
-
-    theirs: dict[str, np.ndarray] = {}
-    if now is not None:
-        champion = models_in(now)
-        for digest in usable:
-            path = samples_of(workspace, digest)
-            found = metrics(path.currents, champion.predict(path))
-            theirs[digest] = np.array([found[axis].rmse for axis in AXES])
-    verdict = gate(rmse("both"), theirs, rmse("constant"))
-    return {"passed": bool(verdict.passed), "words": verdict.words, "parts": usable,
-            "champion": None if now is None else now.digest,
-            "change": {a.axis: a.change for a in verdict.axes}}  # fmt: skip
-
-
-def _number(measured: dict[str, Any], axis: str, variant: str) -> float:
-    value = measured.get(axis, {}).get(variant, {}).get("rmse")
-    return float("nan") if value is None else float(value)
-
-
 def _by_axis(found: dict[str, dict[str, Any]]) -> dict[str, dict[str, dict[str, float | None]]]:
     """axis -> variant -> measures; axes without current are left out, a measure that is not defined is None."""
     result: dict[str, dict[str, dict[str, float | None]]] = {}
@@ -433,7 +391,7 @@ def _trace(place: _Place) -> pd.DataFrame:
         return pd.DataFrame({"time": []})
     path, said = place.path(BEFORE), _load_predictions(place.folder / "said.parquet")
     said |= _load_predictions(place.folder / "other_end.parquet")
-    columns = {"time": path.row / place.workspace.settings.rate_hz}
+    columns = {"time": clock(place.workspace, path)}
     for i, axis in enumerate(AXES):
         columns[f"measured_{axis}"] = path.currents[:, i]
         columns |= {f"{name}_{axis}": values[:, i] for name, values in said.items()}

@@ -15,7 +15,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       monitor/         verdicts, alarms and the answers to them, per machine
       diagnosis/       what the simulation of the newest parts left out, per machine (can be deleted)
       backlog/         what in an inbox could not be done yet
-      workspace.id     which it is, on a Prefect server that several share
+      workspace.id     which it is, on a Prefect or MLflow server that several share
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -191,7 +190,22 @@ class Workspace:
     def tracking_uri(self) -> str:
         """Of MLflow: the settings' server, else the one in the environment, else a SQLite file in the workspace."""
         named = self.settings.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
-        return named or f"sqlite:///{self.root / 'mlflow.db'}"
+        return named or self._own_tracking
+
+    @property
+    def _own_tracking(self) -> str:
+        return f"sqlite:///{self.root / 'mlflow.db'}"
+
+    @property
+    def tracks_alone(self) -> bool:
+        """Whether MLflow is the file in the workspace, which is no other workspace's and goes where it goes."""
+        return self.tracking_uri == self._own_tracking
+
+    @property
+    def tracking_place(self) -> str:
+        """MLflow's address and whose names are used there, as a digest: an address may hold a password. That of the
+        workspace's own file does not change when the workspace is moved."""
+        return "own" if self.tracks_alone else digest_of([self.tracking_uri, self.id])[:16]
 
     def job(self, machine: str) -> Job | None:
         """What is cut with what on `machine` where a part does not say it itself, or None."""
@@ -295,9 +309,13 @@ class Workspace:
             yield
 
 
-@cache
 def code_version() -> str:
-    """Version of the package and a digest of the code that decides results."""
+    """Version of the package and a digest of the code that decides results, as it was when this process began: that is
+    what runs, also in forks of it, whatever is installed meanwhile."""
+    return _CODE
+
+
+def _code() -> str:
     package = files("pido")
     sources = hashlib.sha256()
     for folder in _METHOD:
@@ -310,6 +328,9 @@ def code_version() -> str:
 def _sources(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted(folder.rglob("*.py")):
         yield str(path.relative_to(folder)), path.read_bytes()
+
+
+_CODE = _code()
 
 
 def digest_of(content: Any) -> str:

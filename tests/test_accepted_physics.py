@@ -23,6 +23,10 @@ from pido.iteration import Recipe, physics, refit
 from pido.physics_journal import journal
 from pido.recordings.folder import write_folder
 from pido.sampling.method import PAPER_METHOD
+from pido.supervision.part import Expectation
+from pido.tracking import promotion
+from pido.tracking.ledger import Ledger
+from pido.tracking.mlflow_store import client, experiment, model_names
 from pido.tracking.promotion import TOKEN
 from pido.workspace import Workspace
 
@@ -265,7 +269,6 @@ def test_what_accepted_physics_brings_is_said_in_words_and_that_it_loses_too(tmp
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::ResourceWarning")
 def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_brought(tmp_path):
     from pido.cli.iterate import command
-    from pido.tracking.mlflow_store import client, experiment
 
     (tmp_path / "plant").mkdir()
     (tmp_path / "plant" / "workspace.toml").write_text("compare = false\n[method]\ncompare_with_model = false\n")
@@ -283,3 +286,33 @@ def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_bro
     assert [line in run.data.tags["mlflow.note.content"] for run in runs] == [False, True]
     assert {"accepted_physics_x/with", "accepted_physics_x/without"} <= set(runs[1].data.metrics)
     assert not any(name.startswith("accepted_physics_y") for name in runs[1].data.metrics)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::ResourceWarning")
+def test_what_was_trained_with_physics_that_is_revoked_waits_no_longer_and_does_not_go_into_force(tmp_path):
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / "workspace.toml").write_text(
+        "compare = false\n[method]\nadaptive = false\ncompare_with_model = false\n"
+    )
+    place, who = Workspace.open(tmp_path / "plant"), {"by": "A", "reason": "seen"}
+    part = next(made_up(1)).rows(slice(0, 600))
+    plain.run(place, [write_folder(part, tmp_path / "given" / "p")], None, lambda *a: None)
+    entry = accepted.accept(place, "cmx600v", diagnosis(tmp_path / "d"), 1, **who)
+
+    def retrained():
+        """Versions that are new, what became of all, and by which one a part would be judged."""
+        new = [one["version"] for one in plain.retrain_all(place, lambda *a: None)["done"]]
+        states = [standing.state for standing in promotion.standings(place, "cmx600v")]
+        return new, states, Expectation.of(place, "cmx600v").model
+
+    assert retrained() == ([2], ["superseded", "challenger"], "challenger version 2")
+    accepted.revoke(place, "cmx600v", entry.id, by="A", reason="wrong")
+    assert retrained() == ([], ["challenger", "superseded"], "challenger version 1")
+    with client(place) as store:
+        for name in model_names("cmx600v").values():
+            assert store.get_model_version_by_alias(name, "challenger").tags["pido.version"] == "1"
+    Ledger(place.ledger).judged("cmx600v", 2, {"passed": True, "words": "set by this test"})
+    with pytest.raises(RegistryError, match=f"physics that is revoked: x stribeck_friction {entry.id}. `pido iterate`"):
+        promotion.approve(place, "cmx600v", 2, **who)
+    accepted.accept(place, "cmx600v", tmp_path / "d", 1, **who)
+    assert promotion.approve(place, "cmx600v", 2, **who).version == 2

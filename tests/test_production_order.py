@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import resource
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,10 +17,10 @@ import pytest
 from click.testing import CliRunner
 from plain_parts import parts as made_up
 
-from pido import plain, production
+from pido import comparison, plain, production
 from pido.approval import approve
 from pido.cli import pido
-from pido.core.errors import PidoError
+from pido.core.errors import PidoError, SettingsFileError
 from pido.core.samples import Samples
 from pido.files.samples import load_samples, samples_digest, save_samples
 from pido.iteration import iterate
@@ -111,6 +113,46 @@ def test_a_version_judged_beside_another_champion_is_judged_again_beside_the_one
     assert record.version == 3
 
 
+def test_a_version_is_judged_by_errors_of_its_own_settings_alone(folders, tmp_path, without_mlflow):
+    workspace, file = workspace_at(tmp_path / "plant"), tmp_path / "plant" / "workspace.toml"
+    run(workspace, *folders)
+    first, (*_, newest) = file.read_text(), Ledger(workspace.ledger).parts("cmx600v")
+    for settings in (first + "rows_max = 300\n", first + "rows_max = 500\n", "seed = 3\n" + first):
+        file.write_text(settings)
+        plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)
+        gate = Ledger(workspace.ledger).versions("cmx600v")[-1].gate
+        measured = Ledger(workspace.ledger).iterations("cmx600v")[-1].summary["metrics"]
+        assert gate["parts"] == [newest]
+        for axis, change in gate["change"].items():
+            assert change == measured[axis]["both"]["rmse"] / measured[axis]["constant"]["rmse"] - 1
+    versions = Ledger(workspace.ledger).versions("cmx600v")
+    assert [len(one.gate.get("parts", [])) for one in versions] == [0, 1, 2, 1, 1, 1]
+
+
+def test_challenger_and_champion_are_compared_on_the_same_rows_also_after_a_true_alarm(
+    folders, tmp_path, without_mlflow
+):
+    workspace, machine = workspace_at(tmp_path / "plant"), "cmx600v"
+    run(workspace, *folders)
+    _, second, third = Ledger(workspace.ledger).parts(machine)
+    Ledger(workspace.ledger).judged(machine, 1, {"passed": True, "words": "set by this test"})
+    promotion.approve(workspace, machine, 1, by="ann", reason="a test")
+    book = Book(workspace, machine)
+    alarm = {"id": "a1", "part": "demo-02", "axis": "x", "t_start": 2.0, "t_end": 5.0, "tool": "", "block": 1,
+             "size_a": 1.0, "spreads": 9.0, "looks_like": "unknown"}  # fmt: skip
+    book.verdict({"part": "demo-02", "digest": second, "machine": machine, "good": False, "alarms": [alarm]})
+    gates = []
+    for answer in (None, True, False):
+        if answer is not None:
+            book.answer("a1", true=answer, by="ann", reason="a test")
+            plain.retrain_all(workspace, lambda *about: None)
+        # What is waiting is judged beside the champion, as approving does.
+        waiting = promotion.current(workspace, machine)
+        assert waiting is not None
+        gates.append(comparison.judge_again(workspace, waiting)["parts"])
+    assert gates == [[second, third], [third], [second, third]]
+
+
 def test_no_number_about_a_part_comes_from_that_part(folders, tmp_path, without_mlflow):
     """What was predicted for the arriving part stays the same when its currents are others."""
     said = []
@@ -160,9 +202,66 @@ def test_an_answer_to_an_alarm_during_an_iteration_counts_for_the_next_one(folde
     assert production.begin(root, arrived["machine"], None) != key
 
 
-def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
-    import shutil
+def test_a_change_of_settings_during_an_iteration_counts_for_the_next_one(folders, tmp_path, without_mlflow):
+    undisturbed, place = workspace_at(tmp_path / "undisturbed"), workspace_at(tmp_path / "plant")
+    run(undisturbed, folders[0])
+    root, file = str(place.root), place.root / "workspace.toml"
+    arrived = ingest(root, str(folders[0]))
+    key = production.begin(root, arrived["machine"], arrived["part"])
+    text = file.read_text()
+    for number, stage in enumerate(production.STAGES):
+        stage(root, key)
+        file.write_text(f"seed = {number + 1}\n{text}rows_max = {number + 10}\n")
+    assert final_state(place) == final_state(undisturbed)
+    assert production.begin(root, arrived["machine"], None) != key
 
+
+def test_an_iteration_does_not_go_on_with_another_file_of_materials_than_it_began_with(
+    folders, tmp_path, without_mlflow
+):
+    place = workspace_at(tmp_path / "plant")
+    root, file, materials = str(place.root), place.root / "workspace.toml", place.root / "own.toml"
+    file.write_text('materials_file = "own.toml"\n' + file.read_text())
+    materials.write_text("")
+    arrived = ingest(root, str(folders[0]))
+    key = production.begin(root, arrived["machine"], arrived["part"])
+    production.bins(root, key)
+    materials.write_text("# another one\n")
+    with pytest.raises(SettingsFileError, match=r"materials.* changed while an iteration was on its way.*run it again"):
+        production.refit(root, key)
+    assert Ledger(place.ledger).parts("cmx600v") == []
+    run(place, folders[0])
+
+
+UPGRADED = """
+import multiprocessing, pathlib, sys
+def report(queue):
+    from pido import iteration, workspace
+    queue.put((hasattr(iteration, "NEW"), workspace.code_version()))
+if __name__ == "__main__":
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["pido.workspace", "pido.iteration"])
+    queue = context.Queue()
+    for _ in range(2):
+        context.Process(target=report, args=(queue,)).start()
+        print(*queue.get())
+        with (pathlib.Path(sys.argv[1]) / "pido" / "iteration.py").open("a") as file:
+            file.write("NEW = True\\n")
+"""
+
+
+def test_a_worker_that_runs_on_while_pido_is_upgraded_says_which_code_it_runs(tmp_path):
+    shutil.copytree(Path(production.__file__).parent, tmp_path / "pido", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "worker.py").write_text(UPGRADED)
+    call = [sys.executable, str(tmp_path / "worker.py"), str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    said = subprocess.run(call, check=True, capture_output=True, text=True, env=environment, timeout=120).stdout
+    before, after = said.splitlines()
+    assert before == after
+    assert before.startswith("False ")
+
+
+def test_the_same_part_again_or_under_another_name_counts_once(folders, tmp_path, without_mlflow):
     workspace = workspace_at(tmp_path / "plant")
     run(workspace, folders[0], folders[0])
     again = tmp_path / "copied elsewhere"
@@ -198,8 +297,6 @@ def test_a_known_part_with_other_content_is_refused_and_nothing_changes(folders,
 
 
 def test_a_file_that_changes_while_it_is_read_is_left_for_later(folders, tmp_path, monkeypatch):
-    import shutil
-
     from pido import parts
 
     workspace = workspace_at(tmp_path / "plant")
@@ -226,11 +323,11 @@ def test_a_machine_that_fails_holds_up_neither_the_others_nor_mlflow(folders, tm
         run(workspace, folders[0], write_folder(other, tmp_path / "other"))
     ledger, file = Ledger(workspace.ledger), workspace.root / "workspace.toml"
     method = file.read_text()
-    assert len(ledger.not_logged()) == 2
+    assert len(ledger.not_logged(workspace.tracking_place)) == 2
     file.write_text('jobs = { cmx600v = "a.toml", dmc60h = "b.toml" }\n' + method)
     with pytest.raises(PidoError, match=r"(?s)2 machine.*cmx600v: .*a\.toml.*dmc60h: .*b\.toml"):
         plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)
-    assert ledger.not_logged() == []
+    assert ledger.not_logged(workspace.tracking_place) == []
     file.write_text('seed = 1\njobs = { cmx600v = "a.toml" }\n' + method)
     with pytest.raises(PidoError, match=r"1 machine.*\n  cmx600v: .*a\.toml"):
         plain.retrain_all(Workspace.open(workspace.root), lambda *about: None)

@@ -83,7 +83,8 @@ def _known(workspace: Workspace, path: Path) -> bool:
     machine = ledger.machine_of(arrival.part)
     if machine is None:
         return False
-    return ledger.iteration(workspace.run_key(machine, ledger.parts(machine))) is not None and not ledger.not_logged()
+    done = ledger.iteration(workspace.run_key(machine, ledger.parts(machine))) is not None
+    return done and not ledger.not_logged(workspace.tracking_place)
 
 
 def _say(answer: dict[str, Any], as_json: bool) -> None:

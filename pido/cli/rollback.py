@@ -14,7 +14,7 @@ from pido.cli.places import decide, decision
 def command(**asked: Any) -> None:
     """Put the champion before the present one back in force, within a second; called again, the one before that.
 
-    What was rejected since is passed over.
+    What was rejected since, or trained with physics that was revoked since, is passed over.
 
     \b
     pido rollback --by "A. Ito" --reason "alarms since Tuesday" --workspace plant

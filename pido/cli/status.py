@@ -49,7 +49,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         },
         "rejected": [{"name": a.name, "reason": a.reason} for a in ledger.rejections()],
         "still_to_do": [asdict(one) for one in standing(workspace)],
-        "not_in_mlflow_yet": len(ledger.not_logged()),
+        "not_in_mlflow_yet": len(ledger.not_logged(workspace.tracking_place)),
         "mlflow_looks_in": left_behind(workspace),
     }
     if as_json:
@@ -80,6 +80,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     for one in answer["still_to_do"]:
         click.echo(f"still to do  {Path(one['path']).name}, tried {one['tries']} time(s): {one['reason']}")
     if answer["not_in_mlflow_yet"]:
-        click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) wait to be logged to MLflow")
+        where = "in MLflow where settings and environment have it now"
+        click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) are not {where}; `pido iterate` logs them")
     for there in answer["mlflow_looks_in"]:
         click.echo(f"MLflow looks for artifacts in {there}, where this workspace was; `pido iterate` puts that right")

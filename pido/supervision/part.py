@@ -37,7 +37,6 @@ from pido.supervision.book import Book, alarm_id
 from pido.supervision.residuals import Said, held_out, known_residuals, on_the_clock, support
 from pido.tracking import bundle, promotion
 from pido.tracking.bundle import Bundle
-from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
 log = logging.getLogger(__name__)
@@ -202,19 +201,19 @@ class Expectation:
             return cls(
                 workspace, machine, found, production.models_in(found), f"champion version {in_force.version}", ()
             )
-        versions = Ledger(workspace.ledger).versions(machine)
-        if not versions:
+        version = promotion.current(workspace, machine)
+        if version is None:
             raise RegistryError(
                 f"{workspace.root}: machine '{machine}' has no model yet. `pido iterate PART` makes the first one."
             )
-        found = bundle.verify(bundle.load(workspace.bundles, versions[-1].bundle))
+        found = bundle.verify(bundle.load(workspace.bundles, version.bundle))
         note = "no version was approved yet: the newest challenger says what is expected"
         return cls(
             workspace,
             machine,
             found,
             production.models_in(found),
-            f"challenger version {versions[-1].version}",
+            f"challenger version {version.version}",
             (note,),
         )
 

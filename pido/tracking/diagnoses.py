@@ -8,8 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pido.tracking.ledger import Ledger
-from pido.tracking.log import KEY
-from pido.tracking.mlflow_store import client, experiment, not_installed
+from pido.tracking.mlflow_store import KEY, client, experiment, not_installed
 from pido.workspace import Workspace
 
 

@@ -28,7 +28,7 @@ CREATE TABLE IF NOT EXISTS parts(
   name TEXT NOT NULL, at REAL NOT NULL);
 CREATE TABLE IF NOT EXISTS iterations(
   run_key TEXT PRIMARY KEY, machine TEXT NOT NULL, part TEXT NOT NULL, version INTEGER NOT NULL,
-  summary TEXT NOT NULL, logged TEXT NOT NULL DEFAULT '', at REAL NOT NULL);
+  summary TEXT NOT NULL, logged TEXT NOT NULL DEFAULT '', at REAL NOT NULL, place TEXT NOT NULL DEFAULT '');
 CREATE TABLE IF NOT EXISTS versions(
   machine TEXT NOT NULL, version INTEGER NOT NULL, bundle TEXT NOT NULL, run_key TEXT NOT NULL,
   gate TEXT NOT NULL, at REAL NOT NULL, PRIMARY KEY (machine, version), UNIQUE (machine, bundle));
@@ -81,6 +81,11 @@ class Ledger:
             if db.execute("SELECT 1 FROM sqlite_master WHERE name = 'versions'").fetchone() is None:
                 db.execute("PRAGMA journal_mode=WAL")
                 db.executescript(_SCHEMA)
+            if not _says_where(db):
+                db.execute("BEGIN IMMEDIATE")
+                if not _says_where(db):  # still, inside the lock
+                    db.execute("ALTER TABLE iterations ADD COLUMN place TEXT NOT NULL DEFAULT ''")
+                db.execute("COMMIT")
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
@@ -166,9 +171,11 @@ class Ledger:
         rows = self._rows(f"SELECT {_ITERATION} FROM iterations WHERE machine = ? ORDER BY rowid", machine)
         return [_iteration(row) for row in rows]
 
-    def not_logged(self) -> list[Iteration]:
-        """Iterations that MLflow has not got yet, oldest first."""
-        rows = self._rows(f"SELECT {_ITERATION} FROM iterations WHERE logged = '' ORDER BY rowid")
+    def not_logged(self, place: str) -> list[Iteration]:
+        """Iterations that MLflow at `place` (`Workspace.tracking_place`) has not got yet, or of which an older version
+        did not write down where they are, oldest first."""
+        query = f"SELECT {_ITERATION} FROM iterations WHERE logged = '' OR place != ? ORDER BY rowid"
+        rows = self._rows(query, place)
         return [_iteration(row) for row in rows]
 
     def finished(
@@ -218,10 +225,10 @@ class Ledger:
                 "UPDATE versions SET gate = ? WHERE machine = ? AND version = ?", (json.dumps(gate), machine, version)
             )
 
-    def logged(self, run_key: str, mlflow_run: str) -> None:
-        """MLflow has this iteration under `mlflow_run`."""
+    def logged(self, run_key: str, mlflow_run: str, place: str) -> None:
+        """MLflow at `place` has this iteration under `mlflow_run`."""
         with self._transaction() as db:
-            db.execute("UPDATE iterations SET logged = ? WHERE run_key = ?", (mlflow_run, run_key))
+            db.execute("UPDATE iterations SET logged = ?, place = ? WHERE run_key = ?", (mlflow_run, place, run_key))
 
     def versions(self, machine: str) -> list[Version]:
         """All versions of a machine, oldest first."""
@@ -230,6 +237,11 @@ class Ledger:
             machine,
         )
         return [Version(m, v, bundle, key, json.loads(gate), at) for m, v, bundle, key, gate, at in rows]
+
+
+def _says_where(db: sqlite3.Connection) -> bool:
+    """Whether an iteration has the place at which it was logged: in a ledger of an older version it has not."""
+    return "place" in {row[1] for row in db.execute("PRAGMA table_info(iterations)")}
 
 
 _ITERATION = "run_key, machine, part, version, summary, logged"

@@ -21,6 +21,7 @@ import pandas as pd
 
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT
+from pido.core.errors import RegistryError, StoreError
 from pido.reports.iteration import iteration_page
 from pido.reports.page import write_page
 from pido.tracking import model_files, report_files
@@ -28,7 +29,17 @@ from pido.tracking.bundle import Bundle, load
 from pido.tracking.figures import figures, markdown, table
 from pido.tracking.ledger import Iteration, Ledger
 from pido.tracking.mirror import behind, reconcile
-from pido.tracking.mlflow_store import client, experiment, model_names, not_installed
+from pido.tracking.mlflow_store import (
+    BUNDLE,
+    KEY,
+    OWNER,
+    VERSION,
+    client,
+    ending,
+    experiment,
+    model_names,
+    not_installed,
+)
 from pido.tracking.report_files import RunFiles
 from pido.workspace import Workspace
 
@@ -36,51 +47,59 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 log = logging.getLogger(__name__)
-KEY = "pido.run_key"
-VERSION = "pido.version"
 
 
 def log_pending(workspace: Workspace) -> int:
-    """Log every finished iteration that MLflow has not got yet, oldest first, and bring the aliases up to date.
+    """Log every finished iteration that MLflow has not got yet, oldest first, and bring the aliases up to date. Where
+    MLflow is at another address than before, that is all of them.
 
-    Returns how many were logged. Raises whatever MLflow raises when it cannot be reached; nothing is lost by that.
+    Returns how many were logged. Raises whatever MLflow raises when it cannot be reached; nothing is lost by that. At
+    the end, StoreError with the iterations whose files are gone: they hold up no other.
     """
-    ledger = Ledger(workspace.ledger)
+    ledger, place = Ledger(workspace.ledger), workspace.tracking_place
+    gone: list[str] = []
     # One at a time: a second one would take the first one's unfinished run for what a kill has left.
     with workspace.lock("log"):
-        pending = ledger.not_logged()
+        pending = ledger.not_logged(place)
         for iteration in pending:
-            ledger.logged(iteration.run_key, log_iteration(workspace, iteration))
+            try:
+                ledger.logged(iteration.run_key, log_iteration(workspace, iteration), place)
+            except (StoreError, RegistryError) as error:
+                gone.append(f"version {iteration.version} of {iteration.machine}: {error}")
     machines = {iteration.machine for iteration in pending}
     for machine in ledger.machines():
         if machine in machines or behind(workspace, machine):
             reconcile(workspace, machine)
+    if gone:
+        raise StoreError(f"{len(gone)} iteration(s) cannot be logged, {gone[0]}")
     return len(pending)
 
 
 def try_log_pending(workspace: Workspace) -> tuple[int, str]:
-    """`log_pending`; where MLflow cannot be reached: (0, why), and everything waits for the next call."""
+    """`log_pending`; where MLflow cannot be reached, or files are gone: (0, why), and what it has not got waits for the
+    next call."""
     if missing := not_installed():
         return 0, missing
     from mlflow.exceptions import MlflowException
 
     try:
         return log_pending(workspace), ""
-    except (MlflowException, OSError) as error:
+    except (MlflowException, OSError, StoreError) as error:
         return 0, str(error).splitlines()[0]
 
 
 def log_iteration(workspace: Workspace, iteration: Iteration) -> str:
     """The id of the MLflow run of this iteration, which is written if it is not there."""
-    files = report_files.load(workspace.runs, iteration.run_key)
-    bundle = load(workspace.bundles, files.summary["bundle"])
     with client(workspace) as store, warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="mlflow")
         # MLflow tries the input example, which has names, on an estimator that was fitted on plain arrays
         warnings.filterwarnings("ignore", message="X has feature names")
         place = experiment(workspace, store, iteration.machine)
-        finished = _earlier(store, place, iteration)
-        return finished or _write(workspace, store, place, iteration, files, bundle)
+        if finished := _earlier(store, place, iteration):
+            return finished
+        files = report_files.load(workspace.runs, iteration.run_key)
+        bundle = load(workspace.bundles, files.summary["bundle"])
+        return _write(workspace, store, place, iteration, files, bundle)
 
 
 def _earlier(store: MlflowClient, place: str, iteration: Iteration) -> str | None:
@@ -107,7 +126,8 @@ def _write(
         "pido.machine": iteration.machine,
         "pido.part": summary["part"]["name"],
         "pido.part_digest": summary["part"]["digest"],
-        "pido.bundle": summary["bundle"],
+        BUNDLE: summary["bundle"],
+        OWNER: workspace.id,
         "pido.code": summary["code"],
         "pido.physics": ", ".join(summary.get("physics", {}).get("accepted", [])) or "none",
         **{f"pido.data.{name}": str(d["digest"]) for name, d in summary["data"].items()},
@@ -131,7 +151,7 @@ def _write(
             write_page(iteration_page(files, iteration.version, earlier), Path(folder) / "index.html")
             mlflow.log_artifacts(folder, "report")
         # Models before metrics: MLflow reads the history of every metric of the run again for each model it logs.
-        _register(store, run_id, iteration, bundle)
+        _register(workspace, store, run_id, iteration, bundle)
         # Not `mlflow.log_metrics`: it would write each of them once more for each of the four models.
         now = int(time.time() * 1000)
         store.log_batch(run_id, [Metric(name, value, now, 0) for name, value in _metrics(summary).items()])
@@ -158,14 +178,15 @@ def _log_data(workspace: Workspace, files: RunFiles) -> None:
         mlflow.log_input(data, context="training", tags={"sha256": about["digest"], "rows": str(about["rows"])})
 
 
-def _register(store: MlflowClient, run_id: str, iteration: Iteration, bundle: Bundle) -> None:
+def _register(workspace: Workspace, store: MlflowClient, run_id: str, iteration: Iteration, bundle: Bundle) -> None:
     """Four models; a bundle that has its version already is not registered a second time."""
     import mlflow
     from mlflow.models import infer_signature
 
-    tags = {VERSION: str(iteration.version), "pido.bundle": bundle.digest, KEY: iteration.run_key}
-    for axis, name in model_names(iteration.machine).items():
-        if f"{axis}.skops" not in bundle.files or _versions(store, name, iteration.version):
+    own = {VERSION: str(iteration.version), BUNDLE: bundle.digest}
+    tags = {**own, KEY: iteration.run_key, OWNER: workspace.id}
+    for axis, name in model_names(iteration.machine, ending(workspace, store, iteration.machine)).items():
+        if f"{axis}.skops" not in bundle.files or _registered(store, name, own):
             continue
         data = bundle.read(f"{axis}.skops")
         estimator = model_files.load(data)
@@ -190,9 +211,9 @@ def _register(store: MlflowClient, run_id: str, iteration: Iteration, bundle: Bu
         )  # fmt: skip
 
 
-def _versions(store: MlflowClient, name: str, version: int) -> list[Any]:
-    found = store.search_model_versions(f"name = '{name}'")
-    return [v for v in found if v.tags.get(VERSION) == str(version)]
+def _registered(store: MlflowClient, name: str, tags: dict[str, str]) -> bool:
+    """Whether a version with these tags is there."""
+    return any(tags.items() <= v.tags.items() for v in store.search_model_versions(f"name = '{name}'"))
 
 
 def _metrics(summary: dict[str, Any]) -> dict[str, float]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from pido.core.files import write_atomically
 from pido.core.names import file_name
 from pido.tracking.ledger import Ledger
-from pido.tracking.mlflow_store import client, model_names, not_installed
+from pido.tracking.mlflow_store import BUNDLE, VERSION, client, ending, model_names, not_installed
 from pido.tracking.promotion import history, standings
 from pido.workspace import Workspace, digest_of
 
@@ -43,25 +43,29 @@ def behind(workspace: Workspace, machine: str) -> bool:
 def up_to_date(workspace: Workspace) -> bool:
     """Whether MLflow has been told every iteration and every decision. No server is asked."""
     ledger = Ledger(workspace.ledger)
-    return not ledger.not_logged() and not any(behind(workspace, machine) for machine in ledger.machines())
+    return not ledger.not_logged(workspace.tracking_place) and not any(
+        behind(workspace, machine) for machine in ledger.machines()
+    )
 
 
 def _follow(workspace: Workspace, machine: str) -> None:
     told = _state(workspace, machine)
-    states = {str(s.version.version): s for s in standings(workspace, machine)}
-    decided = {str(r.version): r for r in history(workspace, machine)}
+    # The bundle as well as the number: older versions of several workspaces may have registered under one name.
+    states = {(str(s.version.version), s.version.bundle): s for s in standings(workspace, machine)}
+    decided = {(str(r.version), r.bundle): r for r in history(workspace, machine)}
     with client(workspace) as store:
-        for name in model_names(machine).values():
-            found = {v.tags.get("pido.version"): v for v in store.search_model_versions(f"name = '{name}'")}
-            for number, version in found.items():
-                if number in states:
-                    gate = "passed" if states[number].version.gate.get("passed") else "not passed"
-                    tags = {"pido.state": states[number].state, "pido.gate": gate}
-                    if number in decided:
-                        tags |= {"pido.decided_by": decided[number].by, "pido.reason": decided[number].reason}
+        for name in model_names(machine, ending(workspace, store, machine)).values():
+            registered = store.search_model_versions(f"name = '{name}'")
+            found = {(v.tags.get(VERSION, ""), v.tags.get(BUNDLE, "")): v for v in registered}
+            for which, version in found.items():
+                if which in states:
+                    gate = "passed" if states[which].version.gate.get("passed") else "not passed"
+                    tags = {"pido.state": states[which].state, "pido.gate": gate}
+                    if which in decided:
+                        tags |= {"pido.decided_by": decided[which].by, "pido.reason": decided[which].reason}
                     _tag(store, name, version, tags)
             for alias in ALIASES:
-                holder = [n for n, s in states.items() if s.state == alias and n in found]
+                holder = [which for which, s in states.items() if s.state == alias and which in found]
                 _point(store, name, alias, found[holder[-1]].version if holder else None)
     write_atomically(_mark(workspace, machine), told)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from pido.core.axes import AXES
 from pido.core.names import file_name
+from pido.tracking.ledger import Ledger
 from pido.tracking.moved import FOLDER, settle
 from pido.workspace import Workspace
 
@@ -28,6 +29,8 @@ os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
 
 
+KEY, VERSION, BUNDLE, OWNER = "pido.run_key", "pido.version", "pido.bundle", "pido.workspace"
+"""Tags: of a run, of the version that it made and its bundle, and the id of the workspace that they are of."""
 KIND, TRAINING = "mlflow.experimentKind", "custom_model_development"
 """MLflow opens such an experiment with its runs; any other with an overview for language models, empty here."""
 
@@ -71,22 +74,49 @@ def _same_environment() -> Iterator[None]:
             os.environ[name] = value
 
 
+def ending(workspace: Workspace, store: MlflowClient, machine: str) -> str:
+    """What the names of a machine's experiment and models end with: nothing for the first workspace that has a machine
+    of this name on a server, and nothing in a workspace's own file, else the workspace's id.
+
+    An experiment of older versions, which says not whose it is, is of the workspace whose run is the first in it.
+    """
+    if workspace.tracks_alone:
+        return ""
+    first = store.get_experiment_by_name(_experiment(machine, ""))
+    if first is None:
+        return ""
+    if OWNER in first.tags:
+        ours = first.tags[OWNER] == workspace.id
+    else:
+        runs = store.search_runs(
+            [first.experiment_id], f"tags.`{KEY}` != ''", max_results=1, order_by=["start_time ASC"]
+        )
+        ours = not runs or Ledger(workspace.ledger).iteration(runs[0].data.tags[KEY]) is not None
+    return "" if ours else f"-{workspace.id}"
+
+
 def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:
     """Id of the machine's experiment; artifacts of the embedded store lie in the workspace."""
-    name = f"pido {machine}"
+    name = _experiment(machine, ending(workspace, store, machine))
+    wanted = {KIND: TRAINING, OWNER: workspace.id}
     found = store.get_experiment_by_name(name)
     if found is not None:
-        if KIND not in found.tags:
-            store.set_experiment_tag(found.experiment_id, KIND, TRAINING)
+        for tag, value in wanted.items():
+            if tag not in found.tags:
+                store.set_experiment_tag(found.experiment_id, tag, value)
         return found.experiment_id
     embedded = workspace.tracking_uri.startswith("sqlite:")
     place = (workspace.root / FOLDER / file_name(machine)).as_uri() if embedded else None
-    return store.create_experiment(name, artifact_location=place, tags={KIND: TRAINING})
+    return store.create_experiment(name, artifact_location=place, tags=wanted)
 
 
-def model_names(machine: str) -> dict[str, str]:
+def _experiment(machine: str, ending: str) -> str:
+    return f"pido {machine}{ending}"
+
+
+def model_names(machine: str, ending: str = "") -> dict[str, str]:
     """Axis -> name of the registered model."""
-    return {axis: f"{file_name(machine)}-{axis}" for axis in AXES}
+    return {axis: f"{file_name(machine)}-{axis}{ending}" for axis in AXES}
 
 
 def how_to_open(workspace: Workspace) -> str:

@@ -27,7 +27,7 @@ _FILES = (("runs", "artifact_uri"), ("logged_models", "artifact_location"), ("mo
 def left_behind(workspace: Workspace) -> list[str]:
     """Addresses of folders that this workspace was in and its experiments still write to."""
     file = workspace.root / "mlflow.db"
-    if workspace.tracking_uri != f"sqlite:///{file}" or not file.exists():
+    if not workspace.tracks_alone or not file.exists():
         return []  # a server, or a store that several workspaces share, has its own places
     with closing(sqlite3.connect(file.as_uri() + "?mode=ro", uri=True)) as db:
         return _left_behind(db, workspace.root)

@@ -20,9 +20,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pido.core.clock import utc_now
-from pido.core.errors import RegistryError
+from pido.core.errors import RegistryError, SettingsError
 from pido.core.files import write_atomically
 from pido.core.names import file_name
+from pido.physics_journal import in_force, journal
 from pido.tracking import audit
 from pido.tracking.audit import Record
 from pido.tracking.bundle import Bundle, load, verify
@@ -65,7 +66,7 @@ def standings(workspace: Workspace, machine: str) -> list[Standing]:
     versions = Ledger(workspace.ledger).versions(machine)
     now = champion(workspace, machine)
     last = {r.version: r.action for r in history(workspace, machine)}
-    newest = versions[-1].version if versions else 0
+    today = current(workspace, machine)
 
     def state(v: Version) -> str:
         if now and now.version == v.version:
@@ -74,9 +75,38 @@ def standings(workspace: Workspace, machine: str) -> list[Standing]:
             return "rejected"
         if v.version in last:
             return "former champion"
-        return "challenger" if v.version == newest else "superseded"
+        return "challenger" if v == today else "superseded"
 
     return [Standing(v, state(v)) for v in versions]
+
+
+def current(workspace: Workspace, machine: str) -> Version | None:
+    """The version of today's parts, settings and physics, whatever was trained after it. Where none was trained for
+    them yet, the newest without physics that is revoked; None where there is none."""
+    ledger = Ledger(workspace.ledger)
+    versions = {v.version: v for v in ledger.versions(machine)}
+    try:
+        today = ledger.iteration(workspace.run_key(machine, ledger.parts(machine)))
+    except (SettingsError, OSError):
+        today = None  # settings that cannot be read have no version; `pido iterate` says what is wrong with them
+    if today is not None:
+        return versions[today.version]
+    revoked = _revoked(workspace, machine)
+    return next((v for number, v in reversed(versions.items()) if number not in revoked), None)
+
+
+def _revoked(workspace: Workspace, machine: str) -> dict[int, list[str]]:
+    """Versions that were trained with physics that is not in force, and which."""
+    entries = journal(workspace, machine)
+    if not entries:
+        return {}
+    now = {entry.term_name for entry in in_force(entries)}
+    without: dict[int, list[str]] = {}
+    for one in Ledger(workspace.ledger).iterations(machine):
+        gone = sorted(set(one.summary.get("physics", {}).get("accepted", [])) - now)
+        # The same models may come out of several iterations: physics that changed nothing is not in them.
+        without[one.version] = min(gone, without.get(one.version, gone), key=len)
+    return {version: gone for version, gone in without.items() if gone}
 
 
 def history(workspace: Workspace, machine: str) -> list[Record]:
@@ -88,8 +118,8 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
     """Put `version` in force. Approving the champion again changes nothing.
 
     Raises RegistryError if there is no such version, its gate was not passed, or passed beside another champion than
-    the one in force (`pido.approval` judges it again), it was rejected, its bundle is damaged, or the credential is
-    wrong.
+    the one in force (`pido.approval` judges it again), it was rejected or trained with physics that is revoked, its
+    bundle is damaged, or the credential is wrong.
     """
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
@@ -105,6 +135,11 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
             )
         if any(r.version == version and r.action == "reject" for r in history(workspace, machine)):
             raise RegistryError(f"{machine} version {version} was rejected and stays so; approve another version.")
+        if gone := _revoked(workspace, machine).get(version):
+            raise RegistryError(
+                f"{machine} version {version} was trained with physics that is revoked: {', '.join(gone)}. `pido "
+                "iterate` trains without it, or finds the version that was, and `pido status` says which that is."
+            )
         if now and outdated(found, now):
             raise RegistryError(
                 f"{machine} version {version} passed its gate {beside(workspace, found)}, and version {now.version} is "
@@ -145,8 +180,8 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
 
 
 def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Record:
-    """Put the champion before the present one back in force; called again, the one before that. What was rejected since
-    is passed over.
+    """Put the champion before the present one back in force; called again, the one before that. What was rejected
+    since, or trained with physics that was revoked since, is passed over.
 
     Raises RegistryError where none is left, its bundle is damaged, or the credential is wrong.
     """
@@ -155,14 +190,17 @@ def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Rec
         _recover(workspace, machine)
         past = history(workspace, machine)
         *before, now = _in_force_one_after_another(past) or [0]
-        rejected = {r.version for r in past if r.action == "reject"}
-        left = [version for version in before if version != now and version not in rejected]
+        no_more = {
+            "rejected since": {r.version for r in past if r.action == "reject"},
+            "physics revoked since": set(_revoked(workspace, machine)),
+        }
+        left = [v for v in before if v != now and not any(v in versions for versions in no_more.values())]
         if not left:
-            passed_over = ", ".join(map(str, sorted(rejected.intersection(before))))
+            found = {why: sorted(versions.intersection(before) - {now}) for why, versions in no_more.items()}
+            said = "; ".join(f"{why}: version {', '.join(map(str, v))}" for why, v in found.items() if v)
             raise RegistryError(
-                f"{machine}: there is no champion before the present one to go back to"
-                f"{f' (rejected since: version {passed_over})' if passed_over else ''}. Another version that passed "
-                "its gate takes its place: pido approve VERSION."
+                f"{machine}: there is no champion before the present one to go back to{f' ({said})' if said else ''}. "
+                "Another version that passed its gate takes its place: pido approve VERSION."
             )
         found = version_of(workspace, machine, left[-1])
         verify(load(workspace.bundles, found.bundle))

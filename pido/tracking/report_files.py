@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from pido.core.arrays import Float1D
 from pido.core.errors import StoreError
 from pido.core.files import write_atomically
 
@@ -60,3 +62,9 @@ def load(runs: Path, run_key: str) -> RunFiles:
         return RunFiles(summary, *(pd.read_parquet(folder / f"{name}.parquet") for name in TABLES))
     except OSError as error:
         raise StoreError(f"{folder}: the files of this iteration are not there ({error}); run it again.") from None
+
+
+def foretold_at(runs: Path, run_key: str) -> Float1D:
+    """When the rows were that a run's metrics are about, s; empty where its files are gone."""
+    trace = runs / run_key / "trace.parquet"
+    return pd.read_parquet(trace, columns=["time"])["time"].to_numpy(float) if trace.exists() else np.array([])

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from plain_parts import parts as made_up
 
 from pido import plain
+from pido.cli.iterate import command as iterate
+from pido.cli.status import command as status
 from pido.recordings.folder import write_folder
 from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
-from pido.tracking.log import KEY, log_pending
+from pido.tracking.log import log_pending
 from pido.tracking.mirror import reconcile
-from pido.tracking.mlflow_store import client, experiment, model_names
+from pido.tracking.mlflow_store import BUNDLE, KEY, OWNER, client, experiment, model_names
 from pido.workspace import Workspace
 
 pytestmark = [
@@ -127,6 +131,96 @@ def test_the_aliases_follow_what_is_in_force_in_the_workspace(workspace, monkeyp
                 assert number == {"champion": "1", "challenger": "2"}
 
 
+def aliases(place: Workspace, name: str) -> dict[str, str]:
+    """Alias -> the bundle that it points at."""
+    with client(place) as store:
+        (model,) = store.search_registered_models(f"name = '{name}'")
+        return {a: store.get_model_version_by_alias(name, a).tags[BUNDLE] for a in model.aliases}
+
+
+def copy_on(server: str, workspace: Workspace, root: Path, seed: int) -> Workspace:
+    """Another workspace with the same parts and other models, that logs to a server with others."""
+    skipped = shutil.ignore_patterns("mlflow.db", "mlartifacts", "workspace.id", "registry")
+    shutil.copytree(workspace.root, root, ignore=skipped)
+    settings = root / "workspace.toml"
+    settings.write_text(f'seed = {seed}\ntracking_uri = "{server}"\n{settings.read_text()}')
+    place = Workspace.open(root)
+    with sqlite3.connect(place.ledger) as db:
+        db.executescript("DELETE FROM iterations; DELETE FROM versions")
+    db.close()
+    assert plain.retrain_all(place, lambda *a: None)["fault"] == ""
+    return place
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_workspaces_with_machines_of_one_name_on_one_server_have_models_and_aliases_of_their_own(
+    workspace, tmp_path, older
+):
+    server = f"sqlite:///{tmp_path / 'shared.db'}"
+    first = copy_on(server, workspace, tmp_path / "first", 1)
+    if older:  # which did not write down whose an experiment is
+        with sqlite3.connect(tmp_path / "shared.db") as db:
+            db.execute("DELETE FROM experiment_tags WHERE key = ?", (OWNER,))
+        db.close()
+    second = copy_on(server, workspace, tmp_path / "second", 2)
+    bundles = []
+    for place, names in ((first, model_names(MACHINE)), (second, model_names(MACHINE, f"-{second.id}"))):
+        (version,) = Ledger(place.ledger).versions(MACHINE)
+        bundles.append(version.bundle)
+        for name in names.values():
+            assert aliases(place, name) == {"challenger": version.bundle}
+        Ledger(place.ledger).judged(MACHINE, 1, {"passed": True, "words": "set by this test"})
+        promotion.approve(place, MACHINE, 1, by="A. Ito", reason="a test")
+        reconcile(place, MACHINE)
+    for bundle, ending in zip(bundles, ("", f"-{second.id}"), strict=True):
+        for name in model_names(MACHINE, ending).values():
+            assert aliases(first, name) == {"champion": bundle}
+    with client(first) as store:
+        assert experiment(first, store, MACHINE) == store.get_experiment_by_name(f"pido {MACHINE}").experiment_id
+    with client(second) as store:
+        (run,) = store.search_runs([experiment(second, store, MACHINE)])
+    assert run.data.tags[OWNER] == second.id
+
+
+def test_a_server_that_is_named_later_gets_the_past_too_and_what_is_gone_holds_up_nothing(workspace, tmp_path):
+    root = tmp_path / "moving"
+    shutil.copytree(workspace.root, root)
+    embedded, ask = (root / "workspace.toml").read_text(), ["--workspace", str(root)]
+    for number, there in enumerate((2, 1)):  # iterations whose files are there
+        place = Workspace.open(root)
+        if there == 1:
+            shutil.rmtree(place.runs / Ledger(place.ledger).iterations(MACHINE)[0].run_key)
+        server = f"sqlite:///{tmp_path / str(number)}.db"
+        (root / "workspace.toml").write_text(f'tracking_uri = "{server}"\n{embedded}')
+        place = Workspace.open(root)
+        assert "2 iteration(s) are not in MLflow where" in CliRunner().invoke(status, ask).output
+        said = CliRunner().invoke(iterate, ask)
+        assert said.exit_code == 0
+        assert ("1 iteration(s) cannot be logged, version 1" in said.stderr) == (there == 1)
+        assert len(finished_runs(place)) == there
+        assert [len(v) for v in versions(place).values()] == [there] * 4
+        assert len(Ledger(place.ledger).not_logged(place.tracking_place)) == 2 - there
+        standing = {s.state: s.version.bundle for s in promotion.standings(place, MACHINE)}
+        challenger = {"challenger": standing["challenger"]} if "challenger" in standing else {}
+        assert challenger.items() <= aliases(place, model_names(MACHINE)["x"]).items()
+    (root / "workspace.toml").write_text(embedded)
+    assert CliRunner().invoke(iterate, ask).exit_code == 0
+    assert len(finished_runs(Workspace.open(root))) == 2, "they were there already"
+
+
+def test_a_ledger_of_an_older_version_does_not_say_where_and_nothing_is_logged_twice(workspace):
+    before = {run.info.run_id for run in finished_runs(workspace)}
+    with sqlite3.connect(workspace.ledger) as db:
+        db.execute("ALTER TABLE iterations DROP COLUMN place")
+    db.close()
+    ledger = Ledger(workspace.ledger)
+    assert len(ledger.not_logged(workspace.tracking_place)) == 2
+    log_pending(workspace)
+    assert ledger.not_logged(workspace.tracking_place) == []
+    assert {run.info.run_id for run in finished_runs(workspace)} == before
+    assert {one.logged for one in ledger.iterations(MACHINE)} == before
+
+
 def test_a_server_that_is_away_holds_no_iteration_up(tmp_path, monkeypatch):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     (tmp_path / "workspace.toml").write_text(
@@ -137,4 +231,4 @@ def test_a_server_that_is_away_holds_no_iteration_up(tmp_path, monkeypatch):
     answer = plain.run(place, [write_folder(part, tmp_path / "given" / "p")], None, lambda *a: None)
     assert [one["version"] for one in answer["done"]] == [1]
     assert "127.0.0.1" in answer["fault"]
-    assert len(Ledger(place.ledger).not_logged()) == 1
+    assert len(Ledger(place.ledger).not_logged(place.tracking_place)) == 1

@@ -13,6 +13,7 @@ import sys
 import pytest
 
 from pido.core.errors import RegistryError
+from pido.physics_journal import Entry, write
 from pido.tracking import audit, bundle, promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
@@ -35,6 +36,14 @@ def workspace(tmp_path) -> Workspace:
         add_version(workspace, number)
     add_version(workspace, 4, passed=False)
     return workspace
+
+
+def trained_with(workspace: Workspace, number: int, physics: list[str]) -> None:
+    """A version of the workspace's present settings."""
+    made = bundle.save(workspace.bundles, {"machine": MACHINE, "number": number}, {})
+    key = workspace.run_key(MACHINE, ["p"])
+    passed, summary = {"passed": True}, {"physics": {"accepted": physics}}
+    Ledger(workspace.ledger).finished(key, MACHINE, "p", "p", made.digest, passed, summary)
 
 
 def in_force(workspace: Workspace) -> int | None:
@@ -240,6 +249,32 @@ def test_status_names_champion_challenger_and_rejected_versions(workspace):
     answer = json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
     states = [v["state"] for v in answer["machines"][MACHINE]["versions"]]
     assert states == ["champion", "rejected", "superseded", "challenger"]
+
+
+def test_the_challenger_is_the_version_of_the_settings_of_today_also_where_they_were_others_in_between(tmp_path):
+    root = tmp_path / "plant"
+    for number, seed in ((1, 0), (2, 5)):
+        trained_with(Workspace.open(root, seed=seed), number, [])
+    states = {s: [v.state for v in promotion.standings(Workspace.open(root, seed=s), MACHINE)] for s in (0, 5, 7)}
+    newest = ["superseded", "challenger"]
+    assert states == {0: newest[::-1], 5: newest, 7: newest}
+    faulty = Workspace.open(root, jobs={MACHINE: "missing.toml"})
+    assert [v.state for v in promotion.standings(faulty, MACHINE)] == newest
+
+
+def test_a_rollback_passes_over_what_was_trained_with_physics_that_was_revoked_since(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    entry = Entry(1, "accept", "ab12", "x", "stribeck_friction", "A", "seen", "", {}, "", "")
+    write(place, MACHINE, [entry])
+    for number, physics in ((1, []), (2, [entry.term_name]), (3, [])):
+        trained_with(
+            dataclasses.replace(place, settings=Workspace.open(place.root, seed=number).settings), number, physics
+        )
+        decide(promotion.approve, place, number)
+    write(place, MACHINE, [entry, dataclasses.replace(entry, version=2, action="revoke")])
+    with pytest.raises(RegistryError, match="trained with physics that is revoked: x stribeck_friction ab12"):
+        decide(promotion.approve, place, 2)
+    assert decide(promotion.rollback, place).version == 1
 
 
 def test_a_record_is_bound_to_its_content():
