@@ -118,7 +118,7 @@ def _position_and_speed(
     use = use & ~doubtful if (use & ~doubtful).sum() >= _FEWEST else use
     usual = _usual(rate[use], (expected / step)[use])
     grain = _grain(pos)
-    rounding = _ROUNDED * _rounded_to(pos) / float(np.median(step))
+    rounding = _ROUNDED * rounded_to(pos) / float(np.median(step))
     # Both signals have to speed up or slow down: a spike in one of them is no hard motion.
     change = np.minimum(np.abs(np.diff(v) / step), _around(np.abs(np.diff(speed, prepend=0.0) / step)))
     hard = use & (change > _SHORT * float(np.quantile(_few(change[use]), 0.999)))
@@ -361,7 +361,7 @@ def _while_hard(difference: Float1D, rows: Bool1D) -> float:
     return min(_ROUGH * most, _FACTOR * calm / _QUARTER)
 
 
-def _rounded_to(values: Float1D) -> float:
+def rounded_to(values: Float1D) -> float:
     """The step that a signal is rounded to: all its changes are multiples of it, of several sizes; 0 where none is."""
     grain = _grain(values)
     if grain == 0.0:

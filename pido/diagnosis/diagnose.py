@@ -40,6 +40,7 @@ from pido.diagnosis.misfit import acting
 from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, in_its_words, paired
+from pido.diagnosis.rounding import Rounding, rounding_of
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.shared_out import one_for_many
 from pido.diagnosis.state import AxisState, axis_states, running, worn_before
@@ -230,12 +231,18 @@ def _lay_out(
     states = axis_states(parts, axis, machine)
     simulated = CURRENT_SIM[axis] in parts[0]
     targets = [r[CURRENT[axis]] - (r[CURRENT_SIM[axis]] if simulated else 0.0) for r in parts]
+    if (rounding := _rounding(parts, axis)) is not None:
+        targets = [t - rounding.bias(r[CURRENT_SIM[axis]]) for r, t in zip(parts, targets, strict=True)]
     if limits:
         targets = [np.where(at_limit(r, axis, limits), np.nan, t) for r, t in zip(parts, targets, strict=True)]
     bases, names = (None, ()) if simulated else _equation(parts, states)
     rows = sum(len(r) for r in parts)
     stride = search_stride(rows, parts[0].sample_rate_hz) if searching else 1
     return lay_out(states, targets, bases, names, stride)
+
+
+def _rounding(parts: Sequence[Recording], axis: str) -> Rounding | None:
+    return rounding_of(parts, axis) if CURRENT_SIM[axis] in parts[0] else None
 
 
 def _look_at(
@@ -258,6 +265,8 @@ def _prove(
 ) -> _Work:
     full = _lay_out(parts, answer.axis, machine, limits, searching=False)
     work = _settle(full if delay is None else _without_delay(full, delay), parts, answer, rng, delay, limits)
+    if (rounding := _rounding(parts, answer.axis)) is not None:
+        work.notes.append(rounding.note(answer.axis))
     if limits:
         limit = clipping_finding(parts, answer.axis, limits, work.model.noise_level)
         work.findings += [limit] if limit.evidence.p_value < SIGNIFICANT else []
