@@ -17,13 +17,13 @@ from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import COUNTS, NO_PLACE, Known, common_signals, signals
+from pido.diagnosis.signals import CLOCKS, NO_PLACE, Known, common_signals, signals
 from pido.diagnosis.state import AxisState
 
 LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one is claimed
-# A count, an angle that starts again every turn, and a place that has its zero where a part began are in no product.
-_NO_FACTOR = (*COUNTS, "pos_sp", *(f"from_{a}" for a in LINEAR_AXES))
-_NO_SURFACE = (*COUNTS, "pos_sp")
+# A clock, an angle that starts again every turn, and a place that has its zero where a part began are in no product.
+_NO_FACTOR = (*CLOCKS, "pos_sp", *(f"from_{a}" for a in LINEAR_AXES))
+_NO_SURFACE = (*CLOCKS, "pos_sp")
 _SIDES = ((False, False), (True, False), (False, True))  # of a peak: on one side of zero, even, odd
 _WHEN = {"speeding": "speeds up", "braking": "slows down"}
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign

@@ -38,7 +38,7 @@ from pido.diagnosis.misfit import WORTH, useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.select import MOST_TERMS, best_addition, drop_useless, grid_terms, suggested, swap
-from pido.diagnosis.signals import COUNTS
+from pido.diagnosis.signals import CLOCKS
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
@@ -294,7 +294,7 @@ def next_in_time(library: Library, noise: Noise, terms: Sequence[Term]) -> list[
 def _of_no_state(mismatch: Mismatch, noise: Noise, left: Float1D, events: ExternalForce) -> ExternalForce | None:
     """The intervals whose level in what is `left`, (n,) in A, is not what the state predicts from other parts; None
     where these leave no events: levels over intervals describe any law."""
-    rest = flexible_rest(mismatch, left, without=frozenset(COUNTS), by_part=True)
+    rest = flexible_rest(mismatch, left, without=frozenset(CLOCKS), by_part=True)
     if find_events(mismatch, noise, noise.whiten(rest[None])[0]) is None:
         return None
     inside = Term(events).columns(mismatch.states) * mismatch.usable

@@ -43,9 +43,8 @@ _MEANING = {  # of what is no column of the recording; {} is the axis
     **{f"from_{a}": f"pos_{a} less where it was as the part began" for a in LINEAR_AXES},
 }
 CLOCKS = ("uptime", "t_part")  # which tell when, not what
-COUNTS = (*CLOCKS, "way_all")  # which go on and on: something may come again with them
 # Over which neither a peak nor a bend is a law.
-NO_PLACE = ("held", "speeding", "braking", "coolant", *COUNTS, "I_", "pos_sp")
+NO_PLACE = ("held", "speeding", "braking", "coolant", *CLOCKS, "I_", "pos_sp")
 LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
 _STANDS = 0.02  # mm/s along the path, and less
 _LONG_REST_S = 60.0  # after which it no longer matters how long an axis stood
@@ -55,7 +54,7 @@ _ELSEWHERE = 0.02  # of an axis' travel, by which parts begin at different place
 def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str, tuple[Float1D, str]]:
     """Name -> (values (n,), unit) of everything known about the state that a current could depend on, or of `names`.
 
-    Whether another axis moves, and where to it did so last, tells when something happens: both only by their names.
+    What only tells when something happens is given by its name alone: `occasions`.
     speeding, braking : 1 while the drive puts energy into the motion, while it takes it out; else 0
     A speed within the dead band of its axis is none: its sign is noise.
 
@@ -82,7 +81,6 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         f"I_{a}": (state.sim, "A"),
         **{f"I_{axis}": (sim, "A") for axis, sim in state.sims.items()},
         "I_all": (lambda: _together(state), "A"),
-        "way_all": (lambda: _way_of_all(state), "mm"),
         "feed": (lambda: _feed(state), "mm/s"),
         "feed_rev": (lambda: _feed_per_revolution(state), "mm"),
         "a_n": (lambda: _across_path(state), "mm/s²"),
@@ -103,6 +101,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
             found[f"v_{name}"] = (partial(np.multiply, other.v, other.moving), "deg/s" if name == "sp" else "mm/s")
             found[f"a_{name}"] = (other.a, "deg/s²" if name == "sp" else "mm/s²")
             if names is not None:
+                found["way_all"] = (lambda: _way_of_all(state), "mm")
                 found[f"held_{name}"] = (other.held, "–")
                 found[f"t_go_{name}"] = (partial(_since_change, state.time, other.moving, other.moving), "s")
     out = {}
@@ -214,10 +213,12 @@ def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]
     return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
 
 
-def turns_of_others(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
-    """When other linear axes begin to move, stop and turn, of those that every part has; parts one after another."""
+def occasions(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
+    """What tells when something happens, and not how much: when other linear axes begin to move, stop and turn, of
+    those that every part has, and how far all have gone together; parts one after another."""
     others = [a for a in LINEAR_AXES if a != states[0].axis and all(a in s.others for s in states)]
     names = [name for a in others for name in (f"held_{a}", f"t_go_{a}")]
+    names += ["way_all"] if len(others) + (states[0].axis != "sp") > 1 else []
     each = [signals(s, names) for s in states]
     return {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
 

@@ -25,7 +25,7 @@ from pido.diagnosis.judge import WORTH, Judge
 from pido.diagnosis.levels import levels_of, neighbours
 from pido.diagnosis.mechanisms.base import Parameter
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import Known, signals, turns_of_others
+from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
@@ -156,10 +156,9 @@ class Transient(Unnamed):
 def transient_terms(judge: Judge, known: Known) -> list[Term]:
     """The transients that take away most of the whitened rows of a residual.
 
-    known : `common_signals` of the mismatch
+    known : `common_signals` and `occasions` of the mismatch
     """
     mismatch = judge.mismatch
-    known = {**known, **turns_of_others(mismatch.states)}
     sources = [_Source.of(law, known[law.signal][0], mismatch) for law in _laws(mismatch.axis, known)]
     offered: dict[Transient, list[tuple[float, Term]]] = {}
     for shape, pole in _kernels(mismatch.step):

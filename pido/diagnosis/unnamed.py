@@ -43,7 +43,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.products import gains_by_averages, quick_laws
 from pido.diagnosis.rested import Rested, rested_terms
-from pido.diagnosis.signals import Known, common_signals
+from pido.diagnosis.signals import Known, common_signals, occasions
 from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.tools import by_tool
 from pido.diagnosis.transients import Transient, transient_terms
@@ -204,7 +204,10 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     few = coarse(mismatch, residual, noise)
     whole = common_signals(mismatch.states)
     known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
-    ranked = sorted(_by_gain(mismatch, known, few), key=lambda g: -g[0])
+    seldom = {**whole, **occasions(mismatch.states)}
+    ranked = sorted(
+        _by_gain(mismatch, known, {n: (v[few.rows], u) for n, (v, u) in seldom.items()}, few), key=lambda g: -g[0]
+    )
     offered = [t.behind(library.lag) for _, t in ranked]
     quick = [Term(law).behind(library.lag) for law in quick_laws(mismatch.axis, whole, noise, residual)]
     late = [
@@ -214,7 +217,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     ]
     late += rested_terms(mismatch, few)
     judge = Judge(mismatch, noise, residual)
-    late += [*transient_terms(judge, whole), *latched_terms(judge, whole)]
+    late += [*transient_terms(judge, seldom), *latched_terms(judge, whole)]
     scores = [s for t in (*offered[:_FINALISTS], *quick, *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):
@@ -265,16 +268,16 @@ def _ranked_surfaces(every: Sequence[Surface], known: Known, few: Coarse) -> lis
     return sorted(every, key=bic_of)
 
 
-def _by_gain(mismatch: Mismatch, known: Known, few: Coarse) -> list[tuple[float, Term]]:
+def _by_gain(mismatch: Mismatch, known: Known, seldom: Known, few: Coarse) -> list[tuple[float, Term]]:
     """Formulas, peaks, bends, arms, what is eased or differs by tool, and waves, each with what it takes away from the
-    coarse residual alone."""
+    coarse residual alone; waves also over what `seldom` adds to `known`."""
     axis = mismatch.axis
     gains = [(gain, Term(formula)) for formula, gain in gains_by_averages(formulas(known), known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
     gains += [(gain, Term(law)) for gain, law in (*bends(axis, known, few), *arms(axis, known, few))]
     gains += eased(axis, known, few)
     gains += by_tool(axis, known, few, mismatch.states)
-    gains += waves(axis, known, few)
+    gains += waves(axis, seldom, few)
     return gains
 
 
