@@ -110,7 +110,7 @@ def in_its_unit(diagnosis: Diagnosis, text: str) -> Diagnosis:
     """The diagnosis of a pair, with the pair in its model, and its columns and unit wherever the mechanisms say current
     and ampere."""
     pair = Pair.parse(text)
-    notes = tuple(_columns(note, pair) for note in diagnosis.notes)
+    notes = tuple(_said(note, pair) for note in diagnosis.notes)
     if not any(map(_axis_in, (pair.recorded, pair.simulated))):
         notes = (*notes, f"--pair {text}: neither name holds an axis; the motion of {pair.axis} was looked at.")
     return replace(
