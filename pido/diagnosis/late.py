@@ -10,7 +10,8 @@ from __future__ import annotations
 import itertools
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -207,23 +208,43 @@ class Modulated(Late):
         return f"in proportion to {u}, changing with what {self.cause} was in the last {tau}", ()
 
 
-def late_terms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
-    """Every law that acts late, and the best of those that are modulated, each with its best times of those tried.
+@dataclass(frozen=True, eq=False)
+class Lately:
+    """How quantities have been lately, at the averages of a residual; each is made once.
 
     known : `common_signals` of the mismatch; few : what is left, as averages
     """
-    values = {n: v[few.rows] for n, (v, _) in known.items()}
+
+    mismatch: Mismatch
+    known: Known
+    few: Coarse
+    _made: dict[tuple[str, str, float], Float1D] = field(default_factory=dict)
+
+    @cached_property
+    def values(self) -> dict[str, Float1D]:
+        """The quantities as they are at once."""
+        return {n: v[self.few.rows] for n, (v, _) in self.known.items()}
+
+    def of(self, name: str, form: str, tau: float) -> Float1D:
+        """(m,) – a form of a quantity, tau seconds late."""
+        if (name, form, tau) not in self._made:
+            self._made[name, form, tau] = self.late(FORMS[form](self.known[name][0]), tau)
+        return self._made[name, form, tau]
+
+    def late(self, rows: Float1D, tau: float) -> Float1D:
+        """(m,) – anything, (n,), tau seconds late."""
+        return _late_in_parts(rows, self.mismatch, tau)[self.few.rows]
+
+
+def late_terms(lately: Lately) -> list[Term]:
+    """Every law that acts late, and the best of those that are modulated, each with its best times of those tried."""
+    mismatch, known, few = lately.mismatch, lately.known, lately.few
     does = [_what_it_does(s) for s in mismatch.states]
-    values |= {n: np.concatenate([d[n] for d in does])[few.rows] for n in ("cutting", "moving")}
-    late: dict[tuple[str, str, float], Float1D] = {}
+    states = {n: np.concatenate([d[n] for d in does])[few.rows] for n in ("cutting", "moving")}
+    values = lately.values | states
 
     def best(law: Late, times: Sequence[float]) -> list[tuple[float, Term]]:
-        name, form = law.driver
-        prices = {}
-        for tau in times:
-            if (name, form, tau) not in late:
-                late[name, form, tau] = late_in_parts(FORMS[form](known[name][0]), mismatch, tau)[few.rows]
-            prices[tau] = price(law.over(values, late[name, form, tau]), few)
+        prices = {tau: price(law.over(values, lately.of(*law.driver, tau)), few) for tau in times}
         return [
             (prices[tau], Term(law, (("tau", tau),))) for tau in sorted(times, key=prices.__getitem__)[:_BEST_TIMES]
         ]
@@ -280,7 +301,7 @@ def _what_it_does(state: AxisState) -> dict[str, Float1D]:
     return {"cutting": cutting, "moving": np.asarray(state.moving, float)}
 
 
-def late_in_parts(values: Float1D, mismatch: Mismatch, tau: float) -> Float1D:
+def _late_in_parts(values: Float1D, mismatch: Mismatch, tau: float) -> Float1D:
     """`answered_late` of every part by itself, (n,)."""
     parts = np.split(values, mismatch.edges[1:-1])
     return np.concatenate([answered_late(u[None], s.time, tau)[0] for u, s in zip(parts, mismatch.states, strict=True)])

@@ -14,11 +14,11 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
-from pido.diagnosis.flexible import Coarse, price
-from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
-from pido.diagnosis.late import HEAT_S, LONGEST_S, TIMES_S, Behind, Lagged, Late, Values, causes, late_in_parts
+from pido.diagnosis.arms import Arm
+from pido.diagnosis.flexible import price
+from pido.diagnosis.formulas import Unnamed, ampere_per, unit_of, written
+from pido.diagnosis.late import HEAT_S, LONGEST_S, TIMES_S, Behind, Lagged, Late, Lately, Values, causes
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
@@ -44,32 +44,28 @@ class LaggedArm(Behind):
     longest: ClassVar[float] = LONGEST_S
 
     @property
+    def arm(self) -> Arm:
+        """The same at once."""
+        return Arm(self.place, self.signal, self.unit, self.length, form=self.form)
+
+    @property
     def reads(self) -> frozenset[str]:
-        return frozenset({self.signal, self.place})
+        return self.arm.reads
 
     @property
     def equation(self) -> str:  # type: ignore[override]
-        return f"dI = ((k_0 + k_1 * {self.place}) * {written(self.signal, self.form)}) / (1 + tau s)"
+        return f"dI = ({self.arm.equation.removeprefix('dI = ')}) / (1 + tau s)"
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        own = (self.unit, self.form)
-        return Parameter("k_0", ampere_per(unit_of([own]))), Parameter(
-            "k_1", ampere_per(unit_of([own, (self.length, "u")]))
-        )
+        return self.arm.amplitudes
 
     def variants(self) -> tuple[Unnamed, ...]:
         """What is alike everywhere."""
         return (Lagged(self.signal, self.form, self.unit),)
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        known = {n: v for n, (v, _) in signals(state, self.reads).items()}
-        return answered_late(self.drivers(known), state.time, shape["tau"]).T
-
-    def drivers(self, known: Values) -> Float2D:
-        """(2, n) – what each amplitude counts for, before it is late."""
-        u = FORMS[self.form](known[self.signal])
-        return np.stack([u, known[self.place] * u])
+        return answered_late(self.arm.over(signals(state, self.reads)).T, state.time, shape["tau"]).T
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         of = f"in proportion to how far from somewhere {self.place} is"
@@ -122,25 +118,19 @@ class Warped(Late):
         return f"in proportion to how far from somewhere {self.place} is, {lately}", ()
 
 
-def late_arms(mismatch: Mismatch, known: Known, few: Coarse) -> list[Term]:
-    """The best of all laws that are late and grow along a way, each with its best time of those tried.
-
-    known : `common_signals` of the mismatch; few : what is left, as averages
-    """
-    values, coarse = {n: v for n, (v, _) in known.items()}, {n: v[few.rows] for n, (v, _) in known.items()}
-    late: dict[tuple[str, str, float], Float1D] = {}
+def late_arms(lately: Lately) -> list[Term]:
+    """The best of all laws that are late and grow along a way, each with its best time of those tried."""
+    axis, known, few = lately.mismatch.axis, lately.known, lately.few
 
     def columns(law: LaggedArm | Warped, tau: float) -> Float2D:
-        if isinstance(law, LaggedArm):
-            return np.column_stack([late_in_parts(u, mismatch, tau)[few.rows] for u in law.drivers(values)])
-        name, form = law.driver
-        if (name, form, tau) not in late:
-            late[name, form, tau] = late_in_parts(FORMS[form](values[name]), mismatch, tau)[few.rows]
-        return law.over(coarse, late[name, form, tau])
+        if isinstance(law, Warped):
+            return law.over(lately.values, lately.of(*law.driver, tau))
+        further = law.arm.over(known)[:, 1]
+        return np.column_stack([lately.of(law.signal, law.form, tau), lately.late(further, tau)])
 
     tried = [
         min(((price(columns(law, tau), few), Term(law, (("tau", tau),))) for tau in times), key=lambda each: each[0])
-        for laws, times in ((_lagged(mismatch.axis, known), TIMES_S), (_warped(mismatch.axis, known), HEAT_S))
+        for laws, times in ((_lagged(axis, known), TIMES_S), (_warped(axis, known), HEAT_S))
         for law in laws
     ]
     return [term for _, term in sorted(tried, key=lambda each: each[0])[:_BEST]]

@@ -60,9 +60,9 @@ def rounding_of(parts: Sequence[Recording], axis: str) -> Rounding | None:
     """How the recorded current of an axis was rounded, where that shows in its difference from the simulated one."""
     recorded = np.concatenate([np.asarray(r[CURRENT[axis]], float) for r in parts])
     simulated = np.concatenate([np.asarray(r[CURRENT_SIM[axis]], float) for r in parts])
-    step = rounded_to(recorded)
     known = np.flatnonzero(np.isfinite(recorded) & np.isfinite(simulated))
     rows = known[:: 1 + len(known) // _ROWS]
+    step = rounded_to(recorded[rows])
     if step == 0.0 or len(rows) < _ROWS // 100:
         return None
     difference, current = recorded[rows] - simulated[rows], simulated[rows]

@@ -36,7 +36,7 @@ from pido.diagnosis.formulas import (
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.judge import Judge
 from pido.diagnosis.latched import Latched, latched_terms
-from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Modulated, late_terms
+from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Lately, Modulated, late_terms
 from pido.diagnosis.late_arms import late_arms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -203,17 +203,17 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     residual = fit(mismatch, noise, start).residual
     few = coarse(mismatch, residual, noise)
     whole = common_signals(mismatch.states)
-    known = {n: (v[few.rows], unit) for n, (v, unit) in whole.items()}
     seldom = {**whole, **occasions(mismatch.states)}
-    ranked = sorted(
-        _by_gain(mismatch, known, {n: (v[few.rows], u) for n, (v, u) in seldom.items()}, few), key=lambda g: -g[0]
-    )
+    thin = {n: (v[few.rows], unit) for n, (v, unit) in seldom.items()}
+    known = {n: thin[n] for n in whole}
+    ranked = sorted(_by_gain(mismatch, known, thin, few), key=lambda g: -g[0])
     offered = [t.behind(library.lag) for _, t in ranked]
     quick = [Term(law).behind(library.lag) for law in quick_laws(mismatch.axis, whole, noise, residual)]
+    lately = Lately(mismatch, whole, few)
     late = [
         *ringing_terms(mismatch, residual, whole),
-        *late_terms(mismatch, whole, few),
-        *late_arms(mismatch, whole, few),
+        *late_terms(lately),
+        *late_arms(lately),
     ]
     late += rested_terms(mismatch, few)
     judge = Judge(mismatch, noise, residual)
