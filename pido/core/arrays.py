@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 Float1D = NDArray[np.float64]
 Float2D = NDArray[np.float64]
 Float3D = NDArray[np.float64]
+Complex2D = NDArray[np.complex128]
 Int1D = NDArray[np.int64]
 Int2D = NDArray[np.int64]
 Bool1D = NDArray[np.bool_]

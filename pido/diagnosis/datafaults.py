@@ -169,7 +169,7 @@ def clipping_finding(parts: Sequence[Recording], axis: str, limits: Limits, nois
 
 
 def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
-    """The shift of all axes as one finding, on the axis that shows it best."""
+    """The shift of all these axes as one finding, on the axis that shows it best."""
     axis = max(delay.by_axis, key=lambda a: delay.by_axis[a])
     m = axes[axis]
     moved = shift_target(m, delay)
@@ -200,7 +200,7 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
         ),
         evidence=Evidence(p, p, delay.gain),
         fit=HeldOut(
-            "one shift for all parts and axes",
+            f"one shift for all parts{' and axes' if len(axes) > 1 else ''}",
             _rms(before),
             _rms(after),
             1 - _rms(before) ** 2 / total,

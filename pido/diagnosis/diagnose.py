@@ -32,8 +32,8 @@ from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_findin
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
 from pido.diagnosis.flexible import flexible_rest
-from pido.diagnosis.forms import AS_GOOD
-from pido.diagnosis.identify import Answer, noise_of
+from pido.diagnosis.identify import Answer
+from pido.diagnosis.in_time import in_its_time, in_time
 from pido.diagnosis.locate import score
 from pido.diagnosis.loop import answered
 from pido.diagnosis.misfit import acting
@@ -41,11 +41,11 @@ from pido.diagnosis.mismatch import FEW_PARTS, Mismatch, lay_out, search_stride
 from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, in_its_words, paired
 from pido.diagnosis.rounding import Rounding, rounding_of
-from pido.diagnosis.search import Look, best_gain, first_look, search
+from pido.diagnosis.search import Look, first_look
 from pido.diagnosis.shared_out import one_for_many
 from pido.diagnosis.state import AxisState, axis_states, running, worn_before
 from pido.diagnosis.terms import Term, fit, without
-from pido.diagnosis.timing import Delay, find_delay, shift_target
+from pido.diagnosis.timing import Delay
 from pido.diagnosis.unnamed import clearly_less
 from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
@@ -114,33 +114,13 @@ def _diagnose(
         return _each(work, calls, several, lambda k, a: on_progress(done + k, count, f"{what} axis {a}"))
 
     looks = each(_look_at, {a: (parts, a, machine, limits[a]) for a in axes}, 0, "first look at")
-    delay = find_delay(
-        {a: k.mismatch for a, k in looks.items()},
-        {a: k.noise for a, k in looks.items()},
-        {a: k.best_gain for a, k in looks.items()},
-    )
-
-    def searched(delay: Delay | None) -> tuple[dict[str, Look], dict[str, Answer]]:
-        if delay is None:
-            now = looks
-        else:
-            now = each(
-                _look_without, {a: (k.mismatch, limits[a], delay) for a, k in looks.items()}, 0, "in time again:"
-            )
-        return now, each(search, {a: (k, len(axes), delay is not None) for a, k in now.items()}, 0, "")
-
-    shifted, answers = searched(delay)
-    # A small shift shows only when what is larger is out.
-    beside = _delay_beside(looks, answers) if delay is None else None
-    if beside is not None:
-        again = searched(beside)
-        if no_worse(again, (looks, answers)):
-            delay, (shifted, answers) = beside, again
-    if delay is not None:
-        findings.append(timing_finding(delay, {a: k.mismatch for a, k in looks.items()}))
+    delays, answers = in_its_time(looks, limits, lambda work, given, what: each(work, given, 0, what))
+    for delay in dict.fromkeys(delays.values()):
+        findings.append(timing_finding(delay, {a: looks[a].mismatch for a, d in delays.items() if d is delay}))
     looks.clear()
-    shifted.clear()
-    proved = each(_prove, {a: (parts, answers[a], machine, limits[a], delay) for a in axes}, len(axes), "proof of")
+    proved = each(
+        _prove, {a: (parts, answers[a], machine, limits[a], delays.get(a)) for a in axes}, len(axes), "proof of"
+    )
     for axis, work in proved.items():
         findings += work.findings
         rejected += work.rejected
@@ -151,7 +131,7 @@ def _diagnose(
     on_progress(count, count, "done")
     findings.sort(key=lambda f: -_strength(f, models))
     # A shift is one finding, on the axis that shows it best.
-    found = {f.axis for f in findings} | set(delay.axes if delay is not None else ())
+    found = {f.axis for f in findings} | {a for delay in delays.values() for a in delay.axes}
     bands = dead_bands(parts, machine)
     result = Diagnosis(
         findings=tuple(findings),
@@ -251,10 +231,6 @@ def _look_at(
     return first_look(_lay_out(parts, axis, machine, limits, searching=True), rng, clipped=bool(limits))
 
 
-def _look_without(mismatch: Mismatch, limits: Limits, delay: Delay, rng: np.random.Generator) -> Look:
-    return first_look(_without_delay(mismatch, delay), rng, clipped=bool(limits))
-
-
 def _prove(
     parts: Sequence[Recording],
     answer: Answer,
@@ -264,44 +240,13 @@ def _prove(
     rng: np.random.Generator,
 ) -> _Work:
     full = _lay_out(parts, answer.axis, machine, limits, searching=False)
-    work = _settle(full if delay is None else _without_delay(full, delay), parts, answer, rng, delay, limits)
+    work = _settle(full if delay is None else in_time(full, delay), parts, answer, rng, delay, limits)
     if (rounding := _rounding(parts, answer.axis)) is not None:
         work.notes.append(rounding.note(answer.axis))
     if limits:
         limit = clipping_finding(parts, answer.axis, limits, work.model.noise_level)
         work.findings += [limit] if limit.evidence.p_value < SIGNIFICANT else []
     return work
-
-
-def _without_delay(mismatch: Mismatch, delay: Delay) -> Mismatch:
-    return mismatch if mismatch.sim is None or mismatch.base_names else shift_target(mismatch, delay)
-
-
-def no_worse(
-    again: tuple[Mapping[str, Look], Mapping[str, Answer]], former: tuple[Mapping[str, Look], Mapping[str, Answer]]
-) -> bool:
-    """Whether what was found in time again leaves no more error on any axis than what was found before."""
-    now, then = (
-        {axis: plain_error(look.mismatch, answers[axis].terms) for axis, look in looks.items()}
-        for looks, answers in (again, former)
-    )
-    return all(now[axis] < AS_GOOD * then[axis] for axis in then)
-
-
-def _delay_beside(looks: Mapping[str, Look], answers: Mapping[str, Answer]) -> Delay | None:
-    """A delay in what the terms leave, if it explains more there than one more mechanism on every axis would."""
-    left, noises = {}, {}
-    for axis, look in looks.items():
-        answer = answers[axis]
-        assert answer.noise is not None
-        noises[axis] = noise_of(look.mismatch, answer.noise, answer.terms)
-        left[axis] = look.mismatch.with_target(fit(look.mismatch, answer.noise, answer.terms).residual)
-    if find_delay(left, noises, {}) is None:
-        return None
-    gains = {}
-    for axis, look in looks.items():
-        gains[axis] = best_gain(left[axis], noises[axis], look.offered, look.inside)
-    return find_delay(left, noises, gains)
 
 
 def _settle(

@@ -16,9 +16,10 @@ from functools import lru_cache
 from typing import ClassVar, cast
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal as dsp
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Complex2D, Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
@@ -224,8 +225,9 @@ def _answers(
             clock = _Clock(clock.at, mismatch.step)
             x, y = clock.evenly(x), clock.evenly(y)
         if len(x) >= length:
-            cross = cross + dsp.csd(x, y, rate, nperseg=length)[1]
-            own = own + dsp.welch(x, rate, nperseg=length)[1]
+            X, Y = _spectra(x, length), _spectra(y, length)
+            cross = cross + np.mean(np.conj(X) * Y, axis=0)
+            own = own + np.mean(np.abs(X) ** 2, axis=0)
     if not np.any(own):
         return []  # on this clock every part is shorter
     coherent = np.abs(cross) ** 2 / np.maximum(own, 1e-12 * np.max(own))
@@ -234,6 +236,15 @@ def _answers(
     at = dsp.find_peaks(coherent)[0]
     usual = float(np.median(coherent[met])) + 1e-300
     return [(float(f[k]), float(coherent[k]) / usual) for k in at[np.argsort(-coherent[at])][:_MODES]]
+
+
+def _spectra(x: Float1D, length: int) -> Complex2D:
+    """(m, f) – of windows that overlap by half, as Welch takes them (1967).
+
+    scipy's own `csd` walks through them one by one, and would make each signal's anew for every other one.
+    """
+    frames = sliding_window_view(x, length)[:: length - length // 2]
+    return np.fft.rfft(dsp.detrend(frames, type="constant") * dsp.get_window("hann", length))
 
 
 def _step(state: AxisState) -> float:

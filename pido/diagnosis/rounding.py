@@ -21,6 +21,8 @@ from pido.diagnosis.consistency import rounded_to
 _NOISES = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)  # of a step
 _HARMONICS = 4
 _ROWS = 20_000  # that are compared
+_MOMENT = 20  # rows in which a mismatch hardly changes
+_EVENED_OUT = 0.55  # of a step: scatter of rounded noise of a third of one, and of the rounding of what moves beside it
 _WORTH = 50.0  # of 2 log likelihood: one number, on rows that are not quite independent
 
 
@@ -65,9 +67,17 @@ def rounding_of(parts: Sequence[Recording], axis: str) -> Rounding | None:
     step = rounded_to(recorded[rows])
     if step == 0.0 or len(rows) < _ROWS // 100:
         return None
+    if _scatter(recorded[known] - simulated[known]) > _EVENED_OUT * step:
+        return None
     difference, current = recorded[rows] - simulated[rows], simulated[rows]
     tried = [Rounding(step, noise * step, float(recorded[rows[0]])) for noise in _NOISES]
     left = [float(np.mean((difference - each.bias(current)) ** 2)) for each in tried]
     best = int(np.argmin(left))
     gain = len(rows) * np.log(float(np.mean(difference**2)) / max(left[best], 1e-300))
     return tried[best] if gain > _WORTH else None
+
+
+def _scatter(difference: Float1D) -> float:
+    """A, standard deviation within a moment: a mismatch, which may look like what rounding leaves, is not in it."""
+    moments = difference[: len(difference) // _MOMENT * _MOMENT].reshape(-1, _MOMENT)
+    return float(np.median(np.std(moments, axis=1))) if len(moments) else 0.0

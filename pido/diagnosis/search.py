@@ -59,14 +59,13 @@ _ZERO = 0.02
 
 @dataclass(frozen=True)
 class Look:
-    """What is known of an axis before its search: noise, what the simulation contains, the best single mechanism."""
+    """What is known of an axis before its search: noise, what the simulation contains, what is offered."""
 
     mismatch: Mismatch
     noise: Noise
     inside: dict[str, Component]
     offered: list[Term]
     rejected: list[Rejected]
-    best_gain: float
 
 
 def first_look(mismatch: Mismatch, rng: np.random.Generator, clipped: bool = False) -> Look:
@@ -79,12 +78,12 @@ def first_look(mismatch: Mismatch, rng: np.random.Generator, clipped: bool = Fal
         # Below a limit only rows are left whose noise points away from it: they bend as a drive near its own does.
         offered = [t for t in offered if t.mechanism.id != "current_saturation"]
         rejected.append(Rejected(mismatch.axis, "current_saturation", "the recorded current ends at a limit before"))
-    return Look(mismatch, noise, inside, offered, rejected, best_gain(mismatch, noise, offered, inside))
+    return Look(mismatch, noise, inside, offered, rejected)
 
 
-def best_gain(mismatch: Mismatch, noise: Noise, offered: Sequence[Term], inside: Mapping[str, Component]) -> float:
-    """2 log likelihood that the best single mechanism gains; a shift in time is none of one axis."""
-    library = Library(mismatch, _not_timing(offered), _any_sign(inside))
+def best_gain(mismatch: Mismatch, noise: Noise, look: Look) -> float:
+    """2 log likelihood that the best single mechanism of those offered gains; a shift in time is none of one axis."""
+    library = Library(mismatch, _not_timing(look.offered), _any_sign(look.inside))
     library.whiten(noise)
     nothing = basis(library, noise, [])
     most = max((s.gain for s in library.screen(nothing)), default=0.0)

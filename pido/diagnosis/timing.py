@@ -8,7 +8,7 @@ Source: maximum likelihood over the delay, whitened; drift by Gauss-Newton on th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ _LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
 Pair = tuple[float, float]  # offset in s and drift in s/s, or their standard deviations
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Delay:
     """The recording shows at t what the simulation has at t - offset - drift * t.
 
@@ -48,10 +48,13 @@ class Delay:
         return tuple(a for a in clear if stats.chi2.sf(self.by_axis[a], 2) < SIGNIFICANT)
 
 
-def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals: Mapping[str, float]) -> Delay | None:
+def find_delay(
+    axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals: Callable[[], Mapping[str, float]] = dict
+) -> Delay | None:
     """The common delay, if it explains more than the best mechanism of each axis does.
 
-    rivals : per axis, 2 log likelihood that the best single mechanism gains
+    rivals : () -> per axis, 2 log likelihood that the best single mechanism gains; asked of a delay that all else
+        speaks for
     """
     with_sim = {a: m for a, m in axes.items() if m.sim is not None and np.ptp(m.sim[m.usable]) > 0}
     if not with_sim:
@@ -71,7 +74,7 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
     if sum(gains.values()) < sum(gains_steady.values()) + 12.0:
         best, gains, sd = steady, gains_steady, (sd[0], 0.0)
     total = sum(gains.values())
-    if total < _LEAST_GAIN or total < 1.1 * sum(max(0.0, rivals.get(a, 0.0)) for a in with_sim):
+    if total < _LEAST_GAIN:
         return None
     # A shift is the same on all axes: what one gains, and the others lose as clearly, is its own.
     against = -sum(min(g, 0.0) for g in gains.values())
@@ -80,6 +83,9 @@ def find_delay(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals
     # So small a part of a sample is what any dynamics beside the simulation's look like, and no clock.
     longest = max(float(s.time[-1]) for m in with_sim.values() for s in m.states)
     if max(abs(best[0]), abs(best[0] + best[1] * longest)) < _LEAST_STEPS * finest:
+        return None
+    beside = rivals()
+    if total < 1.1 * sum(max(0.0, beside.get(a, 0.0)) for a in with_sim):
         return None
     return Delay(best[0], best[1], _as_wide(with_sim, noises, best, sd), total, gains)
 

@@ -45,6 +45,12 @@ def test_fine_steps_leave_nothing(step):
     assert rounding_of([part(k, step=step) for k in range(3)], "x") is None
 
 
+@pytest.mark.parametrize("noise", [0.7, 2.0])
+def test_a_mismatch_at_few_levels_is_no_rounding_where_noise_evens_the_steps_out(noise):
+    parts = [part(k, effect=0.01, step=NOISE / noise, feeds=(1.0, 3.0)) for k in range(3)]
+    assert rounding_of(parts, "x") is None
+
+
 def test_what_rounding_leaves_is_no_finding():
     diagnosis = diagnose([part(k, feeds=(0.0, 4.0, 9.0)) for k in range(4)])
     assert [f.mechanism for f in diagnosis.findings] == []

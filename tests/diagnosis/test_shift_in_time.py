@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from pido.core.recording import Recording
-from pido.diagnosis.diagnose import diagnose, no_worse
+from pido.diagnosis.diagnose import diagnose
+from pido.diagnosis.in_time import no_worse
 from pido.diagnosis.mismatch import lay_out
-from pido.diagnosis.search import best_gain
+from pido.diagnosis.search import Look, best_gain
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
@@ -32,8 +33,8 @@ def test_what_one_axis_gains_by_a_shift_and_another_loses_is_no_shift():
     rng = np.random.default_rng(6)
     in_time = laid_out(lambda s: rng.normal(0, 0.7, len(s.time)), "sp")[0]
     noises = {"x": noise, "sp": Noise(np.zeros(0), np.full(in_time.n, 0.7), 1.0, in_time.usable)}
-    assert find_delay({"x": late}, noises, {}) is not None
-    assert find_delay({"x": late, "sp": in_time}, noises, {}) is None
+    assert find_delay({"x": late}, noises) is not None
+    assert find_delay({"x": late, "sp": in_time}, noises) is None
 
 
 @pytest.mark.parametrize(("offset", "drift"), [(-0.011, 0.0), (0.0, -2e-4)])
@@ -53,7 +54,7 @@ def test_a_shift_of_less_than_a_sample_is_found_and_its_interval_holds_it(offset
     states = axis_states(made, "x")
     mismatch = lay_out(states, [s.curr - s.sim for s in states])
     noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
-    found = find_delay({"x": mismatch}, {"x": noise}, {})
+    found = find_delay({"x": mismatch}, {"x": noise})
     assert found is not None
     for value, truth, sd in zip((found.offset, found.drift), (offset, drift), found.sd, strict=True):
         assert abs(value - truth) <= 3 * max(sd, 1e-5)
@@ -70,8 +71,8 @@ def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
     mismatch = lay_out(states, [s.curr - s.sim for s in states])
     noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
     offered = [t for i in ("inertia", "presliding_hysteresis") for t in grid_terms(BY_ID[i], mismatch.states)]
-    rival = best_gain(mismatch, noise, offered, {})
-    found = find_delay({"x": mismatch}, {"x": noise}, {"x": rival})
+    rival = best_gain(mismatch, noise, Look(mismatch, noise, {}, offered, []))
+    found = find_delay({"x": mismatch}, {"x": noise}, lambda: {"x": rival})
     assert found is not None
     assert abs(found.offset - 0.02) < 1e-3
 
@@ -116,3 +117,26 @@ def test_no_axis_that_is_late_as_well_is_called_clean():
     (where,) = (f.where.summary for f in found.findings)
     assert where.endswith(", on x as well") or where.endswith(", on y as well")
     assert "Nothing significant on: z." in verdict(found)
+
+
+def test_one_axis_that_is_late_by_itself_is_late_and_not_of_another_dynamic():
+    """x comes 20 ms late; y, which moves as much, is in time."""
+
+    def late(recording, rng):
+        t = recording.time
+        columns = {"time": t}
+        for axis in ("x", "y"):
+            v = np.roll(recording["v_x"], 700 if axis == "y" else 0)
+            a = np.gradient(v, t)
+            sim = 0.5 * np.tanh(v / 2) + 0.03 * v + 2e-3 * a
+            seen = np.interp(t - (0.02 if axis == "x" else 0.0), t, sim) + rng.normal(0, NOISE, len(t))
+            columns |= {f"v_{axis}": v, f"a_{axis}": a, f"curr_{axis}_sim": sim, f"curr_{axis}": seen}
+        return Recording(recording.part, columns)
+
+    rng = np.random.default_rng(4)
+    found = diagnose([late(r, rng) for r in recordings()])
+    (shift,) = found.findings
+    assert (shift.axis, shift.mechanism, shift.fit.scheme) == ("x", "time_misalignment", "one shift for all parts")
+    assert abs(shift.parameters["shift"].value - 0.02) < 1e-3
+    assert found.clean_axes == ("y",)
+    assert found.model["axes"]["y"]["delay"] == [0.0, 0.0]
