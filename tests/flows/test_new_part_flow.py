@@ -217,8 +217,8 @@ with get_client(sync_client=True) as client:
     others = [Arrived(place.inbox / f"part {k}", str(k) * 64, 1.0) for k in (7, 8, 9, 6)]
     look([*inbox[1:4], *others])
     look([*inbox[1:4], *others])
-    paths = [Path(run.parameters["path"]).name for run in all_runs()[-5:]]
-    assert paths == ["part 2", "part 7", "part 8", "part 6"], f"no machine's queue holds up another's: {paths}"
+    paths = [Path(run.parameters["path"]).name for run in all_runs()[-3:]]
+    assert paths == ["part 7", "part 8", "part 6"], f"no machine's queue holds up another's: {paths}"
     clock[0], brief = 100.0, others[3]
     client.set_flow_run_state(all_runs()[-1].id, Completed(), force=True)
     asked_for = lambda: [run.parameters["patient"] for run in all_runs() if run.parameters["path"] == str(brief.path)]
