@@ -141,8 +141,10 @@ def _arrivals(workspace: Path, sources: list[Path], machine: str) -> tuple[list[
             rejected.append(str(answer))
         elif isinstance(answer, BaseException):
             raise answer
-        else:
+        elif isinstance(answer, dict):
             outcomes.append(production.outcome(str(workspace), answer["run_key"]))
+        else:  # left for a later look
+            rejected.append(state.message or state.name)
     shutil.rmtree(staging, ignore_errors=True)
     return outcomes, rejected
 

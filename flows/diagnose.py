@@ -18,7 +18,9 @@ from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_link_artifact, create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
+from flows.pages import call, in_markdown, key
 from flows.submit import alive
+from pido.accepted import acceptable
 from pido.core.errors import DiagnosisError
 from pido.core.files import write_atomically
 from pido.diagnoses import diagnose_into
@@ -78,10 +80,14 @@ def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[st
     if found["fault"]:
         get_run_logger().warning("MLflow has not got the diagnosis (%s); the next one brings it", found["fault"])
     about = f"{in_markdown(machine)}: {len(found['lines'])} finding(s) in {len(found['parts'])} part(s)"
-    create_markdown_artifact(key="diagnosis", markdown=page(machine, found, folder), description=about)
+    accept = acceptable(place, machine, folder) if found["lines"] else []
+    text = page(place, machine, found, accept)
+    create_markdown_artifact(key=key("diagnosis", machine), markdown=text, description=about)
     if link:
         text = f"Diagnosis of {in_markdown(machine)}"
-        create_link_artifact(key="diagnosis-report", link=link, link_text=text, description=f"[{text}]({link})")
+        create_link_artifact(
+            key=key("diagnosis-report", machine), link=link, link_text=text, description=f"[{text}]({link})"
+        )
     return found
 
 
@@ -93,21 +99,18 @@ def line(finding: Finding) -> str:
     return f"| {' | '.join(map(in_markdown, cells))} |"
 
 
-def page(machine: str, found: dict[str, Any], folder: Path) -> str:
-    """Markdown for Prefect's pages."""
+def page(place: Workspace, machine: str, found: dict[str, Any], accept: list[str]) -> str:
+    """Markdown for Prefect's pages. accept : names of the findings that can extend the machine's equation"""
+    folder = place.diagnosis(machine)
     table = ["| axis | mechanism | where | RMSE before, A | after, A |", "|---|---|---|---|---|", *found["lines"]]
     body = table if found["lines"] else ["Nothing significant." if found["compared"] else "No answer:"]
     about = f"Newest parts: {in_markdown(', '.join(found['parts']))}."
     where = [f"The whole report: `{folder / 'report.html'}`"] if found["compared"] else []
-    if found["lines"]:
-        call = f"pido accept-physics {folder} --finding AXIS:MECHANISM --by NAME --reason TEXT"
-        where.append(f"To make a finding part of the machine's equation: `{call}`")
-    return "\n\n".join([f"# Diagnosis of {in_markdown(machine)}", about, "\n".join(body), *found["notes"], *where])
-
-
-def in_markdown(text: str) -> str:
-    """Text from outside, as it is and harmless in a table or a heading."""
-    return text.replace("\\", "&#92;").replace("|", "&#124;").replace("<", "&lt;")
+    for name in accept:
+        where.append(f"To make {in_markdown(name)} part of the machine's equation, with your name and your reason:")
+        where.append(call(place, machine, "accept-physics", str(folder), "--finding", name))
+    notes = map(in_markdown, found["notes"])
+    return "\n\n".join([f"# Diagnosis of {in_markdown(machine)}", about, "\n".join(body), *notes, *where])
 
 
 def _newest(place: Workspace, machine: str, count: int) -> list[str]:

@@ -17,13 +17,18 @@ from typing import Any
 from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
+from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
+from prefect.states import Completed
 
-from flows.diagnose import due, in_markdown
+from flows.diagnose import due
+from flows.pages import call, in_markdown, key
 from flows.submit import alive, ask_diagnosis
 from pido import departures, parts, production
 from pido.core.errors import PidoError, UnavailableError
+from pido.tracking import pages, promotion
 from pido.tracking.figures import markdown
+from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
 
@@ -58,18 +63,31 @@ def _named() -> str:
 
 
 @flow(name="new-part", flow_run_name=_named, persist_result=False)
-def new_part(workspace: str, path: str, machine: str | None = None) -> dict[str, Any]:
-    """One arrival: taken in, or rejected with its reason; then one iteration. Known parts end at once."""
+def new_part(workspace: str, path: str, machine: str | None = None, patient: bool = False) -> dict[str, Any] | State:
+    """One arrival: taken in, or rejected with its reason; then one iteration. Known parts end at once.
+
+    patient : what cannot be read may still be on its way (a slow copy that paused): leave it for a later look
+    """
     place = Workspace.open(workspace)
     with alive(place):
         try:
             arrived = ingest(workspace, path, machine)
+        except parts.Changed as changed:
+            return _left(str(changed))
         except parts.Refused as refused:
-            departures.reject(place, Path(path), refused.key, str(refused), move=True)
+            if patient:
+                return _left(f"It cannot be used as it is, and may still be on its way: {refused}")
+            departures.reject(place, Path(path), refused.key, str(refused), move=True, machine=refused.machine)
             raise
-        outcome = iteration(workspace, arrived["machine"], arrived["part"])
+        outcome = iteration(workspace, arrived["machine"], arrived["part"], name=arrived["name"])
         departures.put_away(place, Path(path), arrived["key"])
         return outcome
+
+
+def _left(why: str) -> State:
+    """Nothing was decided: the watcher sees the arrival again when it has come to rest."""
+    get_run_logger().warning("left in the inbox for a later look. %s", why)
+    return Completed(name="LeftForLater", message=f"Left in the inbox for a later look. {why}")
 
 
 @flow(name="retrain", flow_run_name="retrain {machine}", persist_result=False)
@@ -86,37 +104,69 @@ def nightly(workspace: str) -> list[dict[str, Any]]:
         return production.every_machine(workspace, lambda machine: iteration(workspace, machine, None), log)[0]
 
 
-def iteration(workspace: str, machine: str, part: str | None) -> dict[str, Any]:
-    """The stages of one iteration, inside the machine's lock."""
+def iteration(workspace: str, machine: str, part: str | None, name: str = "") -> dict[str, Any]:
+    """The stages of one iteration, inside the machine's lock. part, name : of the arriving part"""
     logger, place = get_run_logger(), Workspace.open(workspace)
     with place.lock(machine):
-        key = begin(workspace, machine, part)
-        if production.done(workspace, key):
-            logger.info("nothing new: this state is known")
-        else:
-            bins(workspace, key)
-            refit(workspace, key)
-            balance(workspace, key)
-            retrain(workspace, key)
-            evaluate(workspace, key)
-            publish(workspace, key)
-            production.clear(workspace, key)
-        log(workspace)
-    if due(workspace, machine) and (fault := ask_diagnosis(str(place.root), machine)):
-        logger.warning("no diagnosis: %s", fault)
-    outcome = production.outcome(workspace, key)
-    create_markdown_artifact(key="iteration", markdown=_page(outcome), description=_headline(outcome))
-    return {"machine": machine, "part": outcome["part"]["name"], "version": outcome["version"], "run_key": key}
+        run_key = begin(workspace, machine, part)
+        new = not production.done(workspace, run_key)
+        if new:
+            bins(workspace, run_key)
+            refit(workspace, run_key)
+            balance(workspace, run_key)
+            retrain(workspace, run_key)
+            evaluate(workspace, run_key)
+            publish(workspace, run_key)
+            production.clear(workspace, run_key)
+        fault = log(workspace)["fault"]
+    outcome = production.outcome(workspace, run_key)
+    if not new:
+        said = nothing_new(machine, name, outcome["version"])
+        logger.info(said)
+        create_markdown_artifact(markdown=in_markdown(said), description=in_markdown(said))  # of this run alone
+    if (new or part is None) and due(workspace, machine) and (missing := ask_diagnosis(str(place.root), machine)):
+        logger.warning("no diagnosis: %s", missing)
+    if new:
+        text, headline = page(place, outcome, fault), _headline(outcome)
+        create_markdown_artifact(key=key("iteration", machine), markdown=text, description=headline)
+    about = outcome["part"]["name"] if new or not name else name
+    return {"machine": machine, "part": about, "version": outcome["version"], "run_key": run_key, "new": new}
+
+
+def nothing_new(machine: str, part: str, version: int) -> str:
+    """What is said of an iteration that was not needed. part : the known one that came again, '' where none came"""
+    came = f"this is part {part} of {machine}, which is known already; " if part else ""
+    return (
+        f"Nothing new: {came}version {version} is the one of today's parts, settings and accepted physics of {machine}."
+    )
+
+
+def page(place: Workspace, outcome: dict[str, Any], fault: str) -> str:
+    """Markdown of a new version: the gate's words, how to decide, where MLflow shows it, and the errors.
+
+    fault : why MLflow has not got it yet, or ''
+    """
+    machine, version = outcome["machine"], outcome["version"]
+    lines = [
+        f"# {in_markdown(machine)}, part {_name(outcome)}: version {version}",
+        in_markdown(outcome["gate"]["words"]),
+    ]
+    standing = next(s for s in promotion.standings(place, machine) if s.version.version == version)
+    if standing.state == "challenger" and standing.version.gate.get("passed"):
+        lines += ["To put it in force, with your name and your reason (or by the deployment `promote`):"]
+        lines += [call(place, machine, "approve", str(version))]
+    found = Ledger(place.ledger).iteration(outcome["run_key"])
+    if fault:
+        lines += [f"Not in MLflow yet ({in_markdown(fault)}); it is logged with the next iteration."]
+    elif found is not None and (link := pages.address_of(place, found)):
+        lines += [f"[Its run in MLflow]({link})"]
+    return "\n\n".join([*lines, "\n".join(markdown(outcome["metrics"]))])
 
 
 def _headline(outcome: dict[str, Any]) -> str:
     """What stands over the list of all iterations."""
-    return f"{_name(outcome)}, version {outcome['version']}: {outcome['gate']['words']}"
-
-
-def _page(outcome: dict[str, Any]) -> str:
-    head = [f"# {_name(outcome)}: version {outcome['version']}", "", outcome["gate"]["words"], ""]
-    return "\n".join([*head, *markdown(outcome["metrics"])])
+    what = in_markdown(f"{outcome['machine']}, part {outcome['part']['name']}, version {outcome['version']}")
+    return f"{what}: {in_markdown(outcome['gate']['words'])}"
 
 
 def _name(outcome: dict[str, Any]) -> str:

@@ -44,6 +44,12 @@ def deployment(client: SyncPrefectClient, root: Path | str, flow: str) -> Deploy
     return found[0]
 
 
+def named(client: SyncPrefectClient, flow: str, name: str) -> DeploymentResponse | None:
+    """A deployment by flow and name, or None."""
+    found = _deployments(client, flow, DeploymentFilter(name=DeploymentFilterName(any_=[name])))
+    return found[0] if found else None
+
+
 def ending(client: SyncPrefectClient, workspace: Workspace) -> str:
     """What the names of this workspace's deployments end with: nothing for the first on a server, else its id.
 

@@ -1,58 +1,96 @@
 """Approval from Prefect's pages: a form on a suspended run. The decision itself is the workspace's stored state.
 
-In:  workspace, machine, version. Out: the same record as `pido approve` or `pido reject` writes.
+In:  workspace, machine, version. Out: the same record as `pido approve` or `pido reject` writes, also on a page.
 
 A suspended run holds no process; after the answer the flow starts again from its top, so everything before the form is
 read-only. It waits 30 days (the default of an hour would fail it); a run that expires loses nothing, for the version
 waits in the workspace. Where another champion went into force meanwhile, the version is judged again beside that one.
 Do not combine it with an automation on missing heartbeats: a suspended run sends none.
+
+Prefect holds an answer against the form before it takes it: one without a choice, a name or a reason is refused in the
+form's own words, and the run goes on waiting.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Literal
 
-from prefect import flow
+from prefect import flow, get_run_logger
+from prefect.artifacts import create_markdown_artifact
+from prefect.client.schemas.objects import State
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
+from prefect.states import Completed
+from pydantic import Field
 
+from flows.pages import in_markdown, key
 from flows.submit import alive
 from pido.approval import approve
 from pido.core.errors import RegistryError
 from pido.tracking import mirror, promotion
+from pido.tracking.audit import Record
+from pido.tracking.ledger import Version
 from pido.workspace import Workspace, digest_of
 
 WAIT_S = 30 * 86400
+_SAID = r"\S"
+"""Something is written there."""
 
 
 class Decision(RunInput):
-    """What the form asks."""
+    """What the form asks. Nothing is decided beforehand."""
 
-    approve: bool
-    by: str
-    reason: str
+    decision: Literal["approve", "reject"] = Field(description="reject is final: this version can never be approved")
+    by: str = Field(description="your name", min_length=1, pattern=_SAID)
+    reason: str = Field(description="why; it is kept with the decision", min_length=1, pattern=_SAID)
 
 
-@flow(name="promote", flow_run_name="promote {machine} version {version}")
-def promote(workspace: str, machine: str, version: int) -> dict[str, Any]:
-    """Show the gate's words, wait for a person, write the decision down."""
+@flow(name="promote", flow_run_name="promote {machine} version {version}", persist_result=False)
+def promote(workspace: str, machine: str, version: int) -> State:
+    """Show the gate's words, wait for a person, write the decision down. A rejection is final."""
     place = Workspace.open(workspace)
     with alive(place):
         standing = {s.version.version: s for s in promotion.standings(place, machine)}.get(version)
         if standing is None:
             raise RegistryError(f"{machine} has no version {version}.")
         if standing.state == "champion":
-            return {"machine": machine, "version": version, "action": "approve"}
-        gate = standing.version.gate
-        verdict = "passed" if gate.get("passed") else "NOT passed"
-        page = f"# {machine}: version {version}\n\nGate {verdict}. {gate.get('words', '')}"
+            return _said(f"{machine}: version {version} is in force: there is nothing to decide.", machine)
+        if standing.state == "rejected":
+            return _said(f"{machine}: version {version} was rejected and stays so: nothing is left to decide.", machine)
         # Waiting, the run has no process and holds no lock; answered, it has both again.
         answer = suspend_flow_run(
-            wait_for_input=Decision.with_initial_data(description=page, approve=False, by="", reason=""),
+            wait_for_input=Decision.with_initial_data(description=form(standing.version)),
             timeout=WAIT_S,
             key=digest_of([machine, version])[:16],  # Prefect's keys take no spaces, slashes or umlauts
         )
-        decide = approve if answer.approve else promotion.reject
+        decide = approve if answer.decision == "approve" else promotion.reject
         record = decide(place, machine, version, by=answer.by, reason=answer.reason)
-        mirror.try_reconcile(place, machine)
-        return {"machine": machine, "version": version, "action": record.action}
+        if fault := mirror.try_reconcile(place, machine):
+            get_run_logger().warning("MLflow's aliases will follow later: %s", fault)
+        return _said(decided(record), machine)
+
+
+def form(version: Version) -> str:
+    """What stands over the form, Markdown."""
+    title = in_markdown(f"{version.machine}: version {version.version}")
+    passed = bool(version.gate.get("passed"))
+    gate = f"Gate {'passed' if passed else 'NOT passed'}: {in_markdown(version.gate.get('words', ''))}."
+    may = "Approve puts it in force." if passed else "It cannot be approved: a gate that was not passed is not waived."
+    final = "**Reject is final: a version that was rejected can never be approved.** To decide later, close this form."
+    return "\n\n".join([f"# {title}", gate, f"{may} {final}"])
+
+
+def decided(record: Record) -> str:
+    """A decision in words.
+
+    A version that was rejected before stays so, under the name of who did it.
+    """
+    what = "rejected for good" if record.action == "reject" else "in force"
+    return f"{record.machine}: version {record.version} is {what}, decided by {record.by}, {record.at}: {record.reason}"
+
+
+def _said(words: str, machine: str) -> State:
+    """Into the run's log, onto its page and into its state."""
+    get_run_logger().info("%s", words)
+    create_markdown_artifact(key=key("decision", machine), markdown=in_markdown(words), description=in_markdown(words))
+    return Completed(message=words)

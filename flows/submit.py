@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from uuid import NAMESPACE_URL, uuid5
 
 from httpx import HTTPError
@@ -26,14 +27,14 @@ from prefect.runtime import flow_run
 from prefect.states import Crashed
 
 from flows import ownership
+from pido.arrivals import machine_said
 from pido.workspace import Workspace, digest_of
 
 log = logging.getLogger(__name__)
 ARRIVAL = "arrival"
 AT_ONCE = 2
-"""Runs of a workspace's arrivals that are asked for at a time: one at work, one that has started up and waits for the
-machine. More would only hold the worker's slots against diagnoses, approvals and the night; what waits stays in the
-inbox."""
+"""Runs of a machine's arrivals that are asked for at a time: one at work, one that has started up and waits for the
+machine. More would only hold the worker's slots against other machines; what waits stays in the inbox."""
 DIAGNOSIS = "diagnose"
 WAITING = [StateType.SCHEDULED, StateType.PENDING]
 BUSY = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
@@ -47,18 +48,23 @@ AWAY = (HTTPError, PrefectException, OSError, RuntimeError, ownership.NotServedE
 """What is raised where Prefect's server or the worker is away, or goes away while it is asked."""
 
 
-def submit(workspace: str, path: str, digest: str, machine: str | None) -> bool:
-    """Ask for a run for this arrival, unless it has one, or AT_ONCE others have. Returns whether one was asked for."""
-    tag = f"{ARRIVAL}:{digest[:16]}"
+def submit(workspace: str, path: str, digest: str, machine: str | None, *, patient: bool = False) -> bool:
+    """Ask for a run for this arrival, unless it has one, or AT_ONCE others of its machine have. Returns whether one was
+    asked for.
+
+    machine : of recordings that do not name theirs; those for which nobody says one count together
+    patient : what cannot be read may still be on its way (`pido.arrivals.may_have_paused`)
+    """
+    tag, of = f"{ARRIVAL}:{digest[:16]}", f"machine:{machine_said(Path(path)) or machine or ''}"
     with get_client(sync_client=True) as client:
         live = _runs(client, [ownership.tag(workspace), ARRIVAL])
-        if len(live) >= AT_ONCE or any(tag in run.tags for run in live):
+        if sum(of in run.tags for run in live) >= AT_ONCE or any(tag in run.tags for run in live):
             return False
         ours = ownership.deployment(client, workspace, ownership.ARRIVALS)
     run_deployment(
         ours.id,
-        parameters={"workspace": workspace, "path": path, "machine": machine},
-        tags=[ARRIVAL, tag],
+        parameters={"workspace": workspace, "path": path, "machine": machine, "patient": patient},
+        tags=[ARRIVAL, tag, of],
         timeout=0,
     )
     emit_event(

@@ -60,6 +60,7 @@ NEEDS = {
     "unknown": "a formula or curve without a name, which holds only over what it was fitted on",
 }
 """Mechanisms that do not, and what they need beside them."""
+_DIAGNOSIS = "diagnosis.json"
 _AT = {name: k for k, name in enumerate(INPUTS)}
 
 
@@ -112,6 +113,25 @@ def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int,
     return entry
 
 
+def acceptable(workspace: Workspace, machine: str, folder: Path) -> list[str]:
+    """Names of the findings of a diagnosis that `accept` would take now, in its order.
+
+    Raises DiagnosisError where no diagnosis can be read.
+    """
+    names = dict.fromkeys(name_of(finding) for finding in _findings(folder))
+    return [name for name in names if not _refusal(workspace, machine, folder, name)]
+
+
+def _refusal(workspace: Workspace, machine: str, folder: Path, finding: str) -> str:
+    """Why a finding cannot be accepted, '' where it can."""
+    try:
+        term, about, _ = _finding(folder, finding, machine)
+        _not_there_yet(workspace, machine, about, term)
+    except DiagnosisError as error:
+        return str(error)
+    return ""
+
+
 def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str) -> Entry:
     """Take a finding out of force. RegistryError lists what is in force where `id` is not; and as of `accept`."""
     check_person(workspace, by, reason)
@@ -159,19 +179,23 @@ def name_of(finding: Mapping[str, Any]) -> str:
     return f"{finding['axis']}:{finding['mechanism']}"
 
 
+def _findings(folder: Path) -> list[dict[str, Any]]:
+    path = folder / _DIAGNOSIS
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))["findings"]
+    except (OSError, ValueError, KeyError):
+        raise DiagnosisError(
+            f"{path}: no diagnosis can be read there. Run 'pido diagnose PART ... --out DIR'."
+        ) from None
+
+
 def _finding(folder: Path, which: str | int, machine: str) -> tuple[dict[str, Any], dict[str, Any], str]:
     """Term, finding and digest of the model behind it."""
     from pido.diagnosis.contract import read_model
     from pido.diagnosis.models import axis_models
     from pido.diagnosis.pair import pair_of
 
-    path = folder / "diagnosis.json"
-    try:
-        findings = json.loads(path.read_text(encoding="utf-8"))["findings"]
-    except (OSError, ValueError, KeyError):
-        raise DiagnosisError(
-            f"{path}: no diagnosis can be read there. Run 'pido diagnose PART ... --out DIR'."
-        ) from None
+    path, findings = folder / _DIAGNOSIS, _findings(folder)
     names = [name_of(f) for f in findings]
     if which not in (names if isinstance(which, str) else range(1, len(names) + 1)):
         known = ", ".join(f"{k} {name}" for k, name in enumerate(names, start=1)) or "none"

@@ -13,12 +13,15 @@ import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import orjson
 
 from pido.core.errors import StoreError
 from pido.workspace import arrival_digest, digest_of
 
+PATIENCE = 5
+"""What cannot be read is refused only when it has been unchanged for so many times as long as the settings ask for."""
 UNFINISHED = (".part", ".partial", ".filepart", ".tmp", ".crdownload", ".swp", "~")
 """Endings under which copying programs write until they are done."""
 
@@ -37,6 +40,12 @@ class _Seen:
     state: tuple[tuple[str, int, int, int], ...]
     since: float
     digest: str = ""
+
+
+def may_have_paused(one: Arrived, settle_s: float) -> bool:
+    """Whether what cannot be read may still be on its way, by a slow copy that rests between two files. It is then left
+    for a later look; after a long rest it is what it is."""
+    return one.quiet_s < PATIENCE * settle_s
 
 
 class Inbox:
@@ -78,21 +87,36 @@ class Inbox:
         ]
 
 
+def machine_said(path: Path) -> str:
+    """The machine that the part.json of a part that was not read yet names, '' where none does."""
+    said = _about(path).get("machine")
+    return said if isinstance(said, str) else ""
+
+
 def production_order(path: Path) -> tuple[float, float, list[tuple[int, int, str]]]:
     """Sort key of a part that was not read yet: `order` and `start_time_s` of its part.json, then its name, with
     numbers in it read as numbers (`part 9` before `part 10`)."""
     order = start = float("inf")
+    info = _about(path)
+    try:
+        order = float(info.get("order", info.get("production_order", order)))
+        start = float(info.get("start_time_s", start))
+    except (ValueError, TypeError):
+        pass  # the reader will complain about it
+    pieces = re.findall(r"\d+|\D+", path.name)
+    return order, start, [(0, int(p), "") if p.isdigit() and p.isascii() else (1, 0, p) for p in pieces]
+
+
+def _about(path: Path) -> dict[str, Any]:
+    """What the part.json in a folder says; nothing where there is none, or one that the reader will complain about."""
     about = path / "part.json"
     try:
         if path.is_symlink() or about.is_symlink() or not about.is_file():
-            raise FileNotFoundError(about)
-        info = orjson.loads(about.read_bytes())  # nested without end, or no float: a ValueError
-        order = float(info.get("order", info.get("production_order", order)))
-        start = float(info.get("start_time_s", start))
-    except (OSError, ValueError, TypeError, AttributeError):
-        pass  # a part without part.json, or with one that the reader will complain about
-    pieces = re.findall(r"\d+|\D+", path.name)
-    return order, start, [(0, int(p), "") if p.isdigit() and p.isascii() else (1, 0, p) for p in pieces]
+            return {}
+        info = orjson.loads(about.read_bytes())  # nested without end: a ValueError
+    except (OSError, ValueError):
+        return {}
+    return info if isinstance(info, dict) else {}
 
 
 def _state(path: Path) -> tuple[tuple[str, int, int, int], ...] | None:

@@ -76,7 +76,7 @@ def verdict(
         else:
             otherwise += digest in history.measured
     if not usable:
-        when = "trained" if now is None else "trained for the present champion"
+        when = "trained on" if now is None else "trained on for the present champion"
         same = (
             " and was foretold on the same rows, with the same settings, code and accepted physics" if otherwise else ""
         )

@@ -51,25 +51,30 @@ def put_away(workspace: Workspace, path: Path, key: str) -> Path | None:
         return target
 
 
-def reject(workspace: Workspace, path: Path, key: str, reason: str, move: bool) -> Path | None:
+def reject(workspace: Workspace, path: Path, key: str, reason: str, move: bool, machine: str = "") -> Path | None:
     """Put the arrival `key` into the rejected area with the reason beside it, and on record. Where another one lies at
     `path`, or none, nothing changes: None.
 
     move : out of the inbox; else it is a user's own file, and a copy is put there
+    machine : whose it is, if somebody said so
     Raises Stuck, with the reason, for what may not be moved: a copy of it is put there once.
     """
     ledger, store = Ledger(workspace.ledger), Store(workspace.store)
     known = ledger.arrival(key)
+    # On record without the place that it leaves.
+    recorded = reason.removeprefix(f"{path}: ").replace(str(path), path.name)
     try:
         with _apart(workspace, path, key) if move else _copied(workspace, path, key) as own:
             if own is None:
                 return None
             if known is None or known.part is None or not store.has(known.part):  # else it stays that part
-                ledger.rejected(key, path.name, reason)
-            return store.reject(own, reason, source=path)
+                ledger.rejected(key, path.name, recorded, machine)
+            put = store.reject(own, reason, source=path)
+            ledger.put_aside(key, os.path.relpath(put, workspace.root))
+            return put
     except Stuck as stuck:
-        if known is None or (known.state == "rejected" and known.reason != reason):
-            reject(workspace, path, key, reason, move=False)
+        if known is None or (known.state == "rejected" and known.reason != recorded):
+            reject(workspace, path, key, reason, move=False, machine=machine)
         raise Stuck(f"{reason} {stuck}") from None
 
 

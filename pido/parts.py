@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pido import config
+from pido.arrivals import machine_said
 from pido.core.errors import PidoError, RecordingError, SettingsFileError, StoreError, UnavailableError
 from pido.core.machining import Machine, Material
 from pido.core.recording import Recording
@@ -56,7 +57,7 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
         entry = entry_of(workspace, known.part)
         if named not in (None, entry.machine) and not says_machine(place):
-            raise Refused(_elsewhere(place, entry, named), key)
+            raise Refused(_elsewhere(place, entry, named), key, named or "")
         return _answer(entry, key)
     if named is not None:
         machine_of(workspace, named)  # a wrong name in the settings is no fault of the parts that go by it
@@ -78,10 +79,10 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
         raise
     except PidoError as error:
         if at_rest():
-            raise Refused(str(error), key) from error
+            raise Refused(str(error), key, machine_said(place) or named or "") from error
         raise changed from None  # half of one and half of the other is no reason to reject either
     save_samples(samples, samples_path(workspace, entry.digest))
-    ledger.took(key, place.name, entry.digest)
+    ledger.took(key, place.name, entry.digest, entry.machine)
     return _answer(entry, key)
 
 
@@ -90,11 +91,12 @@ class Changed(PidoError):
 
 
 class Refused(PidoError):
-    """An arrival that cannot be used, as `reason` says. `key`: the digest under which it was read."""
+    """An arrival that cannot be used, as `reason` says. `key`: the digest under which it was read; `machine`: whose it
+    is, '' where nobody says so."""
 
-    def __init__(self, reason: str, key: str = "") -> None:
+    def __init__(self, reason: str, key: str = "", machine: str = "") -> None:
         super().__init__(reason)
-        self.key = key
+        self.key, self.machine = key, machine
 
 
 def samples_of(workspace: Workspace, digest: str) -> Samples:

@@ -50,7 +50,7 @@ def run(
         except parts.Refused as refused:
             if patient:
                 continue
-            departures.reject(workspace, path, refused.key, str(refused), move=from_inbox)
+            departures.reject(workspace, path, refused.key, str(refused), move=from_inbox, machine=refused.machine)
             rejected.append({"path": str(path), "reason": str(refused)})
             continue
         key, fault, new = one(root, arrived["machine"], arrived["part"])

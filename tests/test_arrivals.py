@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from plain_parts import parts as made_up
 
 from pido import parts
-from pido.arrivals import Inbox, production_order
+from pido.arrivals import Arrived, Inbox, machine_said, may_have_paused, production_order
 from pido.core.errors import SettingsError, StoreError, UnavailableError
 from pido.core.recording import Recording
 from pido.plain import run
@@ -139,6 +139,19 @@ def test_a_copy_that_paused_is_left_for_a_later_look_and_refused_only_when_it_st
         answer = run(workspace, [half], None, lambda done, total, what: None, from_inbox=True, patient=patient)
         assert half.exists() is patient
         assert bool(answer["rejected"]) is bool(Ledger(workspace.ledger).rejections()) is not patient
+
+
+def test_what_has_rested_for_long_is_no_copy_that_paused(tmp_path):
+    assert may_have_paused(Arrived(tmp_path, "d", 9.0), settle_s=2.0)  # its recording came 9 s after its part.json
+    assert not may_have_paused(Arrived(tmp_path, "d", 10.0), settle_s=2.0)
+
+
+@pytest.mark.parametrize("about", ["", "[]", '{"machine": 1}', '{"part": "p"}', "[" * 100_000])
+def test_the_machine_of_a_part_is_what_its_part_json_says_if_it_says_one(tmp_path, about):
+    (tmp_path / "part.json").write_text(about)
+    assert machine_said(tmp_path) == machine_said(tmp_path / "part.json") == machine_said(tmp_path / "none") == ""
+    (tmp_path / "part.json").write_text('{"machine": "m1"}')
+    assert machine_said(tmp_path) == "m1"
 
 
 def test_a_watched_inbox_is_emptied_each_part_counted_once_and_bad_input_put_aside(tmp_path):

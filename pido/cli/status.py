@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import click
@@ -15,8 +16,8 @@ from pido.cli.places import existing, workspace_option
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")
 @click.option("--history", is_flag=True, help="also every decision in the audit log")
 def command(folder: Path, as_json: bool, history: bool) -> None:
-    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that were rejected, or
-    that are still to be done.
+    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that are still to be
+    done, or that were rejected and not put right since (a later one of the same name and machine was taken in).
 
     \b
     pido status --workspace plant --history
@@ -24,6 +25,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     from dataclasses import asdict
 
     from pido.backlog import standing
+    from pido.core.clock import utc
     from pido.physics_journal import in_force, journal
     from pido.tracking import promotion
     from pido.tracking.ledger import Ledger
@@ -47,7 +49,16 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             }
             for machine in ledger.machines()
         },
-        "rejected": [{"name": a.name, "reason": a.reason} for a in ledger.rejections()],
+        "rejected": [
+            {
+                "name": a.name,
+                "reason": a.reason,
+                "machine": a.machine,
+                "at": utc(a.at),
+                "lies": str(workspace.root / a.lies) if a.lies and os.path.lexists(workspace.root / a.lies) else "",
+            }
+            for a in ledger.rejections()
+        ],
         "still_to_do": [asdict(one) for one in standing(workspace)],
         "not_in_mlflow_yet": len(ledger.not_logged(workspace.tracking_place)),
         "mlflow_looks_in": left_behind(workspace),
@@ -76,7 +87,9 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     if not answer["machines"]:
         click.echo("no iteration yet")
     for a in answer["rejected"]:
-        click.echo(f"rejected  {a['name']}: {a['reason']}")
+        about = "  ".join(filter(None, (a["at"], a["machine"], a["name"])))
+        where = f", now in {a['lies']}" if a["lies"] else ""
+        click.echo(f"rejected  {about}{where}: {a['reason']}")
     for one in answer["still_to_do"]:
         click.echo(f"still to do  {Path(one['path']).name}, tried {one['tries']} time(s): {one['reason']}")
     if answer["not_in_mlflow_yet"]:

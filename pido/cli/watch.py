@@ -84,17 +84,16 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
 
 
 def _in_this_process(workspace: Workspace, machine: str | None, backlog: Backlog) -> Callable[[list[Arrived]], None]:
+    from pido.arrivals import may_have_paused
     from pido.core.errors import PidoError
     from pido.core.files import refusal
     from pido.plain import run
 
-    grace = 5 * workspace.settings.settle_s
-
     def take(arrived: list[Arrived]) -> None:
         for one in backlog.due(arrived):
             try:
-                # What cannot be read after a short rest may be a copy that paused; after a long one it is what it is.
-                answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=one.quiet_s < grace)
+                patient = may_have_paused(one, workspace.settings.settle_s)
+                answer = run(workspace, [one.path], machine, _silent, from_inbox=True, patient=patient)
             except Exception as error:  # a fault of this program that one part meets holds up no other
                 expected = isinstance(error, PidoError | OSError)
                 said = refusal(error) if isinstance(error, OSError) else str(error)
@@ -118,6 +117,7 @@ def _silent(done: int, total: int, what: str) -> None:
 
 def _through_prefect(workspace: Workspace, machine: str | None, backlog: Backlog) -> Callable[[list[Arrived]], None]:
     from flows.submit import AWAY, submit, sweep
+    from pido.arrivals import may_have_paused
 
     due = _every(SWEEP_S)
 
@@ -125,8 +125,10 @@ def _through_prefect(workspace: Workspace, machine: str | None, backlog: Backlog
         # A server that is away for a while is no reason to stop watching: what has arrived is still there.
         try:
             for one in backlog.due(arrived):
-                if submit(str(workspace.root), str(one.path), one.digest, machine):
-                    before = backlog.tries(one)
+                before, patient = backlog.tries(one), may_have_paused(one, workspace.settings.settle_s)
+                if before and patient:
+                    continue  # one run has looked at it; the next one decides, when it has rested for long
+                if submit(str(workspace.root), str(one.path), one.digest, machine, patient=patient):
                     backlog.tried(one, f"{before} run(s) have not taken it: see its runs in Prefect" if before else "")
             if due():
                 sweep(workspace)

@@ -7,4 +7,13 @@ from datetime import UTC, datetime
 
 def utc_now() -> str:
     """Now, as every log of a workspace writes it."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+    return utc(datetime.now(UTC).timestamp())
+
+
+def utc(seconds: float) -> str:
+    """A moment, s since 1970.
+
+    >>> utc(0.0)
+    '1970-01-01T00:00:00+00:00'
+    """
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pido.tracking.ledger import Ledger
 from pido.tracking.mlflow_store import KEY, client, experiment, not_installed
+from pido.tracking.pages import address
 from pido.workspace import Workspace
 
 
@@ -31,9 +32,4 @@ def attach(workspace: Workspace, machine: str, folder: Path) -> tuple[str, str]:
             store.log_artifacts(run, str(folder), "diagnosis")
     except (MlflowException, OSError) as error:
         return "", str(error).splitlines()[0]
-    server = workspace.tracking_uri
-    if not server.startswith("http"):
-        return "", ""
-    page = f"experiments/{place}/runs/{run}/artifacts/diagnosis/report.html"
-    # Without the question MLflow goes on to its pages for language models, where a run's artifacts are not found again.
-    return f"{server.rstrip('/')}/#/{page}?workflowType=machine_learning", ""
+    return address(workspace, place, run, "diagnosis/report.html"), ""

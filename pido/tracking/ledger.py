@@ -22,7 +22,8 @@ from pido.core.errors import UnavailableError
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS arrivals(
   key TEXT PRIMARY KEY, name TEXT NOT NULL, state TEXT NOT NULL CHECK (state IN ('taken', 'rejected')),
-  part TEXT, reason TEXT NOT NULL DEFAULT '', at REAL NOT NULL);
+  part TEXT, reason TEXT NOT NULL DEFAULT '', at REAL NOT NULL,
+  machine TEXT NOT NULL DEFAULT '', lies TEXT NOT NULL DEFAULT '');
 CREATE TABLE IF NOT EXISTS parts(
   number INTEGER PRIMARY KEY AUTOINCREMENT, digest TEXT NOT NULL UNIQUE, machine TEXT NOT NULL,
   name TEXT NOT NULL, at REAL NOT NULL);
@@ -33,17 +34,23 @@ CREATE TABLE IF NOT EXISTS versions(
   machine TEXT NOT NULL, version INTEGER NOT NULL, bundle TEXT NOT NULL, run_key TEXT NOT NULL,
   gate TEXT NOT NULL, at REAL NOT NULL, PRIMARY KEY (machine, version), UNIQUE (machine, bundle));
 """
+_ADDED = {"iterations": ("place",), "arrivals": ("machine", "lies")}
+"""Columns that a ledger of an older version has not, all of them text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A file or folder that arrived. `part`: digest of the part in it; `reason`: why it was rejected."""
+    """A file or folder that arrived. `part`: digest of the part in it; `reason`: why it was rejected; `at`: when that
+    was said, s since 1970; `machine`: '' where nobody said it; `lies`: where in the workspace it was put, or ''."""
 
     key: str
     name: str
     state: str
     part: str | None
     reason: str
+    at: float
+    machine: str
+    lies: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +88,10 @@ class Ledger:
             if db.execute("SELECT 1 FROM sqlite_master WHERE name = 'versions'").fetchone() is None:
                 db.execute("PRAGMA journal_mode=WAL")
                 db.executescript(_SCHEMA)
-            if not _says_where(db):
+            if _missing(db):
                 db.execute("BEGIN IMMEDIATE")
-                if not _says_where(db):  # still, inside the lock
-                    db.execute("ALTER TABLE iterations ADD COLUMN place TEXT NOT NULL DEFAULT ''")
+                for table, column in _missing(db):  # still, inside the lock
+                    db.execute(f"ALTER TABLE {table} ADD COLUMN {column} TEXT NOT NULL DEFAULT ''")
                 db.execute("COMMIT")
 
     @contextmanager
@@ -124,30 +131,39 @@ class Ledger:
 
     def arrival(self, key: str) -> Arrival | None:
         """What became of the arrival with this digest, or None."""
-        rows = self._rows("SELECT key, name, state, part, reason FROM arrivals WHERE key = ?", key)
+        rows = self._rows(f"SELECT {_ARRIVAL} FROM arrivals WHERE key = ?", key)
         return Arrival(*rows[0]) if rows else None
 
-    def took(self, key: str, name: str, part: str) -> None:
-        """This arrival is the part with digest `part`, and that part is in the store."""
+    def took(self, key: str, name: str, part: str, machine: str = "") -> None:
+        """This arrival is the part with digest `part` of `machine`, and that part is in the store."""
+        self._arrived(key, name, "taken", part, "", machine)
+
+    def rejected(self, key: str, name: str, reason: str, machine: str = "") -> None:
+        """This arrival, of `machine` if somebody said one, cannot be used."""
+        self._arrived(key, name, "rejected", None, reason, machine)
+
+    def _arrived(self, key: str, name: str, state: str, part: str | None, reason: str, machine: str) -> None:
         with self._transaction() as db:
             db.execute(
-                "INSERT INTO arrivals(key, name, state, part, at) VALUES (?, ?, 'taken', ?, ?) "
-                "ON CONFLICT(key) DO UPDATE SET state = 'taken', part = excluded.part, reason = ''",
-                (key, name, part, time.time()),
+                "INSERT INTO arrivals(key, name, state, part, reason, machine, at) VALUES (?, ?, ?, ?, ?, ?, ?) "
+                "ON CONFLICT(key) DO UPDATE SET state = excluded.state, part = excluded.part, "
+                "reason = excluded.reason, machine = excluded.machine, at = excluded.at",
+                (key, name, state, part, reason, machine, time.time()),
             )
 
-    def rejected(self, key: str, name: str, reason: str) -> None:
-        """This arrival cannot be used."""
+    def put_aside(self, key: str, lies: str) -> None:
+        """What was rejected under `key` lies there now, in the workspace."""
         with self._transaction() as db:
-            db.execute(
-                "INSERT INTO arrivals(key, name, state, reason, at) VALUES (?, ?, 'rejected', ?, ?) "
-                "ON CONFLICT(key) DO UPDATE SET state = 'rejected', reason = excluded.reason, part = NULL",
-                (key, name, reason, time.time()),
-            )
+            db.execute("UPDATE arrivals SET lies = ? WHERE key = ? AND state = 'rejected'", (lies, key))
 
     def rejections(self) -> list[Arrival]:
-        """All arrivals that could not be used, newest last."""
-        rows = self._rows("SELECT key, name, state, part, reason FROM arrivals WHERE state = 'rejected' ORDER BY at")
+        """The arrivals that could not be used, newest last, without those that were put right: a later one of the same
+        name and machine was taken in."""
+        rows = self._rows(
+            f"SELECT {_ARRIVAL} FROM arrivals AS r WHERE state = 'rejected' AND NOT EXISTS ("
+            "SELECT 1 FROM arrivals AS t WHERE t.state = 'taken' AND t.name = r.name AND t.at >= r.at "
+            "AND (t.machine = r.machine OR t.machine = '' OR r.machine = '')) ORDER BY at"
+        )
         return [Arrival(*row) for row in rows]
 
     def parts(self, machine: str) -> list[str]:
@@ -239,11 +255,13 @@ class Ledger:
         return [Version(m, v, bundle, key, json.loads(gate), at) for m, v, bundle, key, gate, at in rows]
 
 
-def _says_where(db: sqlite3.Connection) -> bool:
-    """Whether an iteration has the place at which it was logged: in a ledger of an older version it has not."""
-    return "place" in {row[1] for row in db.execute("PRAGMA table_info(iterations)")}
+def _missing(db: sqlite3.Connection) -> list[tuple[str, str]]:
+    """(Table, column) of what an older version did not write down."""
+    there = {table: {row[1] for row in db.execute(f"PRAGMA table_info({table})")} for table in _ADDED}
+    return [(table, column) for table, columns in _ADDED.items() for column in columns if column not in there[table]]
 
 
+_ARRIVAL = "key, name, state, part, reason, at, machine, lies"
 _ITERATION = "run_key, machine, part, version, summary, logged"
 
 

@@ -130,8 +130,8 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
             return now
         if not found.gate.get("passed"):
             raise RegistryError(
-                f"{machine} version {version} did not pass its gate and is not approved: {found.gate.get('words', '')} "
-                "A failed gate cannot be waived; the next parts bring a new version."
+                f"{machine} version {version} did not pass its gate and is not approved: {found.gate.get('words', '')}"
+                ". A failed gate cannot be waived; the next parts bring a new version."
             )
         if any(r.version == version and r.action == "reject" for r in history(workspace, machine)):
             raise RegistryError(f"{machine} version {version} was rejected and stays so; approve another version.")

@@ -27,6 +27,7 @@ from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
 
 MACHINE = "cmx600v"
+ITERATION, DIAGNOSIS, REPORT = (f"{kind}-{MACHINE}" for kind in ("iteration", "diagnosis", "diagnosis-report"))
 SETTINGS = "[method]\nadaptive = false\ncompare_with_model = false\n"
 PARTS = 3
 PATIENCE_S = 300
@@ -85,10 +86,10 @@ def test_parts_that_arrive_are_taken_and_a_version_that_passed_its_gate_is_promo
 
 
 def test_the_physics_of_the_newest_parts_was_looked_at(plant):
-    found = until(lambda: {"iteration", "diagnosis"} <= set(artifacts(plant)) and artifacts(plant), "no diagnosis")
-    assert f"Diagnosis of {MACHINE}" in found["diagnosis"]
-    until(lambda: "diagnosis-report" in artifacts(plant), "no link to the report in MLflow")
-    assert "RMSE" in found["iteration"]
+    found = until(lambda: {ITERATION, DIAGNOSIS} <= set(artifacts(plant)) and artifacts(plant), "no diagnosis")
+    assert f"Diagnosis of {MACHINE}" in found[DIAGNOSIS]
+    until(lambda: REPORT in artifacts(plant), "no link to the report in MLflow")
+    assert "RMSE" in found[ITERATION]
 
 
 @pytest.fixture(scope="module")
@@ -204,9 +205,9 @@ def test_prefects_pages_show_the_iteration_the_diagnosis_and_the_way_to_its_repo
     login = base64.b64encode(f"{settings.prefect_user}:{settings.prefect_password}".encode()).decode()
     browser.execute_script("localStorage.setItem('prefect-password', arguments[0])", login)
     pages = {
-        "iteration": (f"version {PARTS}", "with PiA and PiE"),
-        "diagnosis": (f"{MACHINE}: ", f"Diagnosis of {MACHINE}"),
-        "diagnosis-report": (f"Diagnosis of {MACHINE}", MACHINE),
+        ITERATION: (f"version {PARTS}", "with PiA and PiE"),
+        DIAGNOSIS: (f"{MACHINE}: ", f"Diagnosis of {MACHINE}"),
+        REPORT: (f"Diagnosis of {MACHINE}", MACHINE),
     }
     for key, (at_first_sight, words) in pages.items():
         browser.get("about:blank")
@@ -229,5 +230,5 @@ def test_everything_comes_back_in_another_folder_after_the_plant_was_destroyed(p
     with Plant(place / "new", place / "new.log") as again, again.as_client():
         assert settled(again, MACHINE, before) == ""
         assert in_mlflow(again, MACHINE) == ""
-        assert {"iteration", "diagnosis"} <= set(artifacts(again))
+        assert {ITERATION, DIAGNOSIS} <= set(artifacts(again))
     assert again.left() == []

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from served_worker import served, waited
 
+from flows.pages import key
 from flows.server import prefect_server
 from pido.tracking import bundle, promotion
 from pido.tracking.ledger import Ledger
@@ -54,6 +55,7 @@ def answered(answer, patience_s: float = 30.0) -> None:
 def test_an_answered_form_puts_the_version_in_force_under_the_name_of_who_answered(workspace, tmp_path):
     with prefect_server(tmp_path / "prefect"):
         from prefect.client.orchestration import get_client
+        from prefect.client.schemas.filters import LogFilter
         from prefect.deployments import run_deployment
         from prefect.flow_runs import resume_flow_run
 
@@ -64,9 +66,19 @@ def test_an_answered_form_puts_the_version_in_force_under_the_name_of_who_answer
             asked = run_deployment("promote/approval", parameters={"machine": MACHINE, "version": 2}, timeout=0)
             reached(lambda: client.read_flow_run(asked.id), "Suspended")
             assert promotion.champion(workspace, MACHINE) is None
-            answer = {"approve": True, "by": "A. Ito", "reason": "three good parts"}
+            answer = {"decision": "approve", "by": "A. Ito", "reason": "three good parts"}
+            for wrong in ({}, {**answer, "decision": ""}, {**answer, "by": " "}, {"by": "A. Ito", "reason": "good"}):
+                with pytest.raises(RuntimeError, match=r"is a required|is not one of|does not match"):
+                    answered(lambda wrong=wrong: resume_flow_run(asked.id, run_input=wrong))
+                assert client.read_flow_run(asked.id).state.name == "Suspended", "it goes on waiting"
             answered(lambda: resume_flow_run(asked.id, run_input=answer))
             reached(lambda: client.read_flow_run(asked.id), "Completed")
+            said = client.read_flow_run(asked.id).state.message
+            assert "version 2 is in force, decided by A. Ito" in said
+            assert said.endswith(": three good parts")
+            ours = LogFilter(flow_run_id={"any_": [asked.id]})
+            waited(lambda: said in [line.message for line in client.read_logs(ours)], 30)  # they come in batches
+            assert [a.key for a in client.read_artifacts() if a.flow_run_id == asked.id] == [key("decision", MACHINE)]
     record = promotion.champion(workspace, MACHINE)
     assert record is not None
     assert (record.version, record.by, record.reason) == (2, "A. Ito", "three good parts")

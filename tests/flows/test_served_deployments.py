@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -52,7 +53,7 @@ def test_each_arrival_is_diagnosed_in_a_run_of_its_own_and_night_and_experiments
             diagnosed = waited(lambda: ended("diagnose"), 300)[0]
             assert (arrival.state.name, diagnosed.state.name) == ("Completed", "Completed")
             assert diagnosed.parent_task_run_id is None, "the iteration did not wait for it"
-            assert "diagnosis" in {a.key for a in client.read_artifacts()}
+            assert {f"iteration-{MACHINE}", f"diagnosis-{MACHINE}"} <= {a.key for a in client.read_artifacts()}
             assert arrival.name == recording.part.part
             ours = [command for _, command in processes(str(tmp_path))]
             assert any(VICTIMS[FORKS] in c for c in ours), "runs are forked from a process that has imported everything"
@@ -80,6 +81,72 @@ def test_an_iteration_does_not_need_anyone_who_diagnoses(workspace, tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
     assert "no diagnosis: no worker serves" in done.stderr
     assert len(Ledger(workspace.ledger).iterations(MACHINE)) == 1
+
+
+def test_what_an_operator_pauses_stays_paused_and_the_time_of_the_night_follows_the_settings(workspace, tmp_path):
+    with prefect_server(tmp_path / "prefect"):
+        from prefect.client.orchestration import get_client
+
+        with get_client(sync_client=True) as client:
+
+            def nights() -> list[tuple[str, bool]]:
+                return [(s.schedule.cron, s.active) for s in offered(client)["nightly/nightly"].schedules]
+
+            with served(workspace, tmp_path / "worker.log", client):
+                known = offered(client)
+                assert nights() == [("0 3 * * *", True)]
+                night = known["nightly/nightly"]
+                client.update_deployment_schedule(night.id, night.schedules[0].id, active=False)
+                client.pause_deployment(known["diagnose/newest"].id)
+            with served(workspace, tmp_path / "again.log", client, PIDO_NIGHTLY="30 4 * * *"):
+                waited(lambda: nights() == [("30 4 * * *", False)], 60)
+                waited(lambda: (workspace.root / "worker.alive").exists(), 60)
+                paused = {name for name, deployment in offered(client).items() if deployment.paused}
+                assert paused == {"diagnose/newest"}
+
+
+def test_a_part_waits_for_no_diagnosis_and_two_diagnoses_do_not_run_at_once(workspace, tmp_path):
+    with prefect_server(tmp_path / "prefect"):
+        from prefect.client.orchestration import get_client
+        from prefect.deployments import run_deployment
+
+        with (
+            get_client(sync_client=True) as client,
+            workspace.lock("diagnosis a"),
+            served(workspace, tmp_path / "worker.log", client),
+        ):
+            ask = partial(run_deployment, "diagnose/newest", parameters={"machine": "a"}, timeout=0)
+            diagnoses = [ask().id for _ in range(4)]
+            states = lambda: [client.read_flow_run(run).state.name for run in diagnoses]  # noqa: E731
+            waited(lambda: states().count("Running") == 1, 60)
+            absent = {"path": str(workspace.inbox / "absent")}
+            arrival = run_deployment("new-part/arrivals", parameters=absent, timeout=60, poll_interval=1)
+            decision = run_deployment(
+                "promote/approval", parameters={"machine": "a", "version": 1}, timeout=60, poll_interval=1
+            )
+            assert (arrival.state.name, decision.state.name) == ("Failed", "Failed"), "they have run"
+            assert sorted(states()) == ["Running", "Scheduled", "Scheduled", "Scheduled"] or states().count("Late")
+            assert states().count("Running") == 1
+    assert "at capacity" not in (tmp_path / "worker.log").read_text()
+
+
+def test_what_mlflow_has_not_got_is_said_in_the_log_of_the_run_and_on_its_page(workspace, tmp_path):
+    recording = next(iter(made_up(1)))
+    part = write_folder(recording, workspace.inbox / recording.part.part)
+    with prefect_server(tmp_path / "prefect"):
+        from prefect.client.orchestration import get_client
+        from prefect.client.schemas.filters import LogFilter
+        from prefect.deployments import run_deployment
+
+        with (
+            get_client(sync_client=True) as client,
+            served(workspace, tmp_path / "worker.log", client, MLFLOW_TRACKING_URI="http://127.0.0.1:9"),
+        ):
+            run = run_deployment("new-part/arrivals", parameters={"path": str(part)}, timeout=180, poll_interval=1)
+            ours = LogFilter(flow_run_id={"any_": [run.id]})
+            waited(lambda: any("MLflow cannot be reached" in line.message for line in client.read_logs(ours)), 30)
+            [page] = [a.data for a in client.read_artifacts() if a.key == f"iteration-{MACHINE}"]
+            assert "Not in MLflow yet" in page
 
 
 def test_a_run_without_a_process_is_told_from_one_that_has_one(workspace, tmp_path, monkeypatch):

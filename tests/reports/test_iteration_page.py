@@ -48,7 +48,7 @@ def test_the_best_rival_is_the_one_with_the_smallest_error_and_never_one_of_our_
 def test_a_first_part_has_a_page_although_nothing_could_be_compared():
     files = _files()
     files.summary["metrics"] = {}
-    files.summary["gate"] = {"passed": False, "words": "no part yet that was not trained; the next part decides"}
+    files.summary["gate"] = {"passed": False, "words": "no part yet that was not trained on; the next part decides"}
     page = iteration_page(RunFiles(files.summary, files.generated, files.bins, pd.DataFrame({"time": []})))
     assert "First part" in page.verdict
     assert "the next part decides" in render(page)
