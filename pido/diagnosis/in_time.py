@@ -51,6 +51,8 @@ def in_its_time(
         again = _searched(_moved(looks, limits, beside, each), True, each)
         if no_worse(again, now):
             return dict.fromkeys(looks, beside), again[1]
+    if len(looks) == 1:
+        return {}, answers
     given = {a: (k, answers[a], left[a], len(looks), limits[a]) for a, k in looks.items()}
     own = {a: late for a, late in each(_by_itself, given, "in a time of its own:").items() if late is not None}
     return {a: late for a, (late, _) in own.items()}, answers | {a: answer for a, (_, answer) in own.items()}
