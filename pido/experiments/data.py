@@ -159,8 +159,8 @@ def read_each(files: Sequence[Path], machine: str | None) -> list[Recording]:
         recording = read_recording(file, machine=machine)
         if (name := recording.part.part) in found:
             raise DataError(
-                f"{found[name][0]} and {file}: both are recordings of part '{name}'. Give each part its own name (`part` "
-                "in part.json, else the file's name), or take one of them out of the folder."
+                f"{found[name][0]} and {file}: both are recordings of part '{name}'. Give each part its own name "
+                "(`part` in part.json, else the file's name), or take one of them out of the folder."
             )
         found[name] = file, recording
     return [recording for _, recording in found.values()]
