@@ -25,7 +25,7 @@ from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.preparation import job_of, prepare
 from pido.recordings import READERS, read_recording
-from pido.recordings.check import check, usable_mask
+from pido.recordings.check import blanked, check
 from pido.recordings.faults import ERROR
 
 log = logging.getLogger(__name__)
@@ -187,14 +187,7 @@ def rows_of(recording: Recording, machine: Machine, job: Job | None = None) -> t
     )
     if not {*CURRENT.values()} & {*recording.columns} - {*lost}:
         raise DataError(f"{recording.part.part}: no axis has a current that can be used. {' '.join(left_out)}")
-    usable = usable_mask(recording, tuple(f for f in faults if f.column not in lost))
-    keep = {"time", *POSITION.values(), "nc_line", "tool_id", "coolant"}
-    blank = {
-        name: np.where(usable & (name not in lost), values, np.nan)
-        for name, values in recording.columns.items()
-        if name not in keep and values.dtype != object
-    }
-    recording = recording.with_columns(**blank)
+    recording = blanked(recording, faults)
     if recording.sample_rate_hz > 1.01 * RATE_HZ:
         recording = resample(recording, RATE_HZ)
     materials = {name: config.material(name) for name in config.shipped("materials")}
