@@ -18,17 +18,19 @@ import numpy as np
 
 from pido import config
 from pido.arrivals import machine_said
+from pido.core.arrays import Int1D
 from pido.core.errors import PidoError, RecordingError, SettingsFileError, StoreError, UnavailableError
 from pido.core.machining import Machine, Material
 from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.departures import key_of
-from pido.files.samples import load_samples, save_samples
+from pido.files.samples import load_lost, load_samples, save_samples
 from pido.iteration import Recipe
 from pido.monitoring.records import name_in
-from pido.preparation import job_of, prepare
+from pido.preparation import job_of, lacks, prepare
+from pido.process.samples import may_be_engaged
 from pido.recordings import read_recording
-from pido.recordings.check import check, usable_mask
+from pido.recordings.check import blanked, check
 from pido.recordings.faults import ERROR
 from pido.recordings.folder import says_machine
 from pido.recordings.resample import resample
@@ -37,8 +39,6 @@ from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace, code_version, digest_of
 
 log = logging.getLogger(__name__)
-_KEPT = ("time", "pos_x", "pos_y", "pos_z", "pos_sp", "nc_line", "tool_id", "coolant")
-"""Columns that stay where a sample cannot be used: the path removes stock all the same."""
 
 
 def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     try:
         recording = _read(place, named)
         _check(recording, workspace, place)
-        samples = _samples(workspace, recording, digest(recording))
+        samples, lost = _samples(workspace, recording, digest(recording))
         if not at_rest():
             raise changed
         entry = store.add(recording, source=place.name)
@@ -81,7 +81,7 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
         if at_rest():
             raise Refused(str(error), key, machine_said(place) or named or "") from error
         raise changed from None  # half of one and half of the other is no reason to reject either
-    save_samples(samples, samples_path(workspace, entry.digest))
+    save_samples(samples, samples_path(workspace, entry.digest), lost)
     ledger.took(key, place.name, entry.digest, entry.machine)
     return _answer(entry, key)
 
@@ -101,10 +101,7 @@ class Refused(PidoError):
 
 def samples_of(workspace: Workspace, digest: str) -> Samples:
     """Rows of a part to learn from: as kept, or made again from the store; without those of alarms answered as true."""
-    path = samples_path(workspace, digest)
-    if not path.exists():
-        save_samples(_samples(workspace, Store(workspace.store).load(digest), digest), path)
-    samples = load_samples(path)
+    samples = load_samples(_made(workspace, digest))
     entry = entry_of(workspace, digest)
     excluded = workspace.excluded(entry.machine)
     stretches = [at for key, where in excluded.items() if entry.part == name_in(key) or key == digest for at in where]
@@ -115,8 +112,23 @@ def samples_of(workspace: Workspace, digest: str) -> Samples:
     return samples.take(~inside)
 
 
-def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tuple[Recording, Samples, str]:
-    """A recording that is only looked at, not taken in: at the method's rate, its rows, its digest. Nothing is stored.
+def lost_of(workspace: Workspace, digest: str) -> Int1D:
+    """(m,): samples of a part of which no row could be made for want of a value, though the tool may have been engaged;
+    numbered as its rows are."""
+    return load_lost(_made(workspace, digest))
+
+
+def _made(workspace: Workspace, digest: str) -> Path:
+    path = samples_path(workspace, digest)
+    if not path.exists():
+        samples, lost = _samples(workspace, Store(workspace.store).load(digest), digest)
+        save_samples(samples, path, lost)
+    return path
+
+
+def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tuple[Recording, Samples, Int1D, str]:
+    """A recording that is only looked at, not taken in: at the method's rate, its rows, what was lost (`lost_of`), its
+    digest. Nothing is stored.
 
     Raises RecordingError, SettingsError or StoreError for a recording that cannot be used.
     """
@@ -125,7 +137,8 @@ def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tup
     recording = _read(path, machine or workspace.settings.machine)
     _check(recording, workspace, path)
     name = digest(recording)
-    return at_rate(workspace, recording), _samples(workspace, recording, name), name
+    samples, lost = _samples(workspace, recording, name)
+    return at_rate(workspace, recording), samples, lost, name
 
 
 def at_rate(workspace: Workspace, recording: Recording) -> Recording:
@@ -206,24 +219,22 @@ def _check(recording: Recording, workspace: Workspace, path: Path) -> None:
         raise RecordingError(f"{path}: {len(fatal)} fault(s) that make it unusable:\n{lines}")
 
 
-def _samples(workspace: Workspace, recording: Recording, digest: str) -> Samples:
-    """Recording at its own rate -> rows at the method's rate."""
+def _samples(workspace: Workspace, recording: Recording, digest: str) -> tuple[Samples, Int1D]:
+    """Recording at its own rate -> rows at the method's rate, and the samples (as rows are numbered) of which none
+    could be made for want of a value, though the tool may have been engaged."""
     settings = workspace.settings
     machine = machine_of(workspace, recording.part.machine)
-    usable = usable_mask(recording, check(recording, machine))
-    if not usable.all():
-        blank = {
-            name: np.where(usable, values, np.nan)
-            for name, values in recording.columns.items()
-            if name not in _KEPT and values.dtype != object
-        }
-        recording = recording.with_columns(**blank)
-    recording = at_rate(workspace, recording)
+    whole, recording = recording, at_rate(workspace, blanked(recording, check(recording, machine)))
     job = job_of(recording, workspace.job(recording.part.machine), machine, _materials(workspace))
     samples, notes = prepare(recording, machine, job, digest, air_cut=settings.air_cut)
     for note in notes:
         log.info("%s: %s", recording.part.part, note)
-    return replace(samples, part=np.full(len(samples), digest, dtype=object))
+    lost = lacks(recording)
+    lost[samples.row] = False
+    if lost.any():
+        said = {name: whole[name] for name in ("time", "mrr_sim") if name in whole}
+        lost &= may_be_engaged(at_rate(workspace, Recording(whole.part, said)))
+    return replace(samples, part=np.full(len(samples), digest, dtype=object)), np.flatnonzero(lost)
 
 
 def _materials(workspace: Workspace) -> dict[str, Material]:

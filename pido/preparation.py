@@ -16,7 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pido.core.columns import FORCE_SIM
+from pido.core.arrays import Bool1D
+from pido.core.columns import CURRENT, FORCE_SIM, INPUTS
 from pido.core.errors import RecordingError, SettingsError
 from pido.core.machining import Job, Machine, Material, Stock, Tool
 from pido.core.recording import Recording
@@ -99,6 +100,14 @@ def prepare(
     if not len(samples):
         raise RecordingError(f"part {recording.part.part}: no usable sample is left. Look at what `pido ingest` says.")
     return samples, tuple(notes)
+
+
+def lacks(recording: Recording) -> Bool1D:
+    """(n,): samples without one of the inputs that were recorded, or without any current."""
+    inputs = [np.isfinite(recording[name]) for name in INPUTS if name in recording]
+    currents = [np.isfinite(recording[name]) for name in CURRENT.values() if name in recording]
+    there = np.logical_and.reduce(inputs) & np.logical_or.reduce(currents)
+    return np.asarray(~there) & np.ones(len(recording), bool)
 
 
 def _stock(recording: Recording) -> Stock | None:

@@ -24,6 +24,16 @@ def is_table(table: object) -> bool:
     return hasattr(table, "__arrow_c_stream__") and names is not None and all(isinstance(n, str) for n in names)
 
 
+def names_of(table: Any) -> tuple[str, ...]:
+    """Its columns' names as they stand there, in the order of `columns_of`.
+
+    >>> names_of({"f_x": [1.0], "v_x": [2.0]})
+    ('f_x', 'v_x')
+    """
+    names = table if isinstance(table, Mapping) else getattr(table, "column_names", None) or table.columns
+    return tuple(name for name in map(str, names) if not name.startswith("__index_level"))
+
+
 def columns_of(table: Any) -> dict[str, Array1D]:
     """Columns by their contract names: numbers as float64 (a missing value is NaN), text as objects.
 
@@ -36,9 +46,7 @@ def columns_of(table: Any) -> dict[str, Array1D]:
     import pyarrow as pa
 
     arrow = pa.table(table)
-    names = [
-        ALIASES.get(str(name), str(name)) for name in arrow.column_names if not str(name).startswith("__index_level")
-    ]
+    names = [ALIASES.get(name, name) for name in names_of(arrow)]
     if len(set(names)) < len(names):
         raise RecordingError(f"columns stand twice in the table: {sorted({n for n in names if names.count(n) > 1})}.")
     return {name: _column(name, arrow.column(k)) for k, name in enumerate(names)}

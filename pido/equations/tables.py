@@ -22,7 +22,7 @@ from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ALIASES, CURRENT, INPUTS
 from pido.core.machining import AxisLimits, Machine
 from pido.core.samples import Samples
-from pido.core.tables import columns_of, is_table
+from pido.core.tables import columns_of, is_table, names_of
 
 ANY_MILL = Machine(
     "any mill",
@@ -37,21 +37,30 @@ KNOWN = (*INPUTS, "ar", *DIRECTION.values())
 
 
 def named_columns(X: Any) -> tuple[Any, tuple[str, ...] | None]:
-    """(n, k) numbers and their names; None for an array. Raises ValueError for a name that is not understood."""
+    """(n, k) numbers and what is in them, as `KNOWN` has it; None for an array. Raises ValueError for a name that is
+    not understood, and for two names of one thing."""
     if not is_table(X):
         return X, None
-    columns = {(f"direction_{name[4:]}" if name.startswith("dir_") else name): v for name, v in columns_of(X).items()}
-    strange = [name for name in columns if name not in KNOWN]
+    columns, names = columns_of(X), tuple(_understood(name) for name in names_of(X))
+    strange = [name for name in names if name not in KNOWN]
     if strange:
         raise ValueError(f"column(s) {', '.join(strange)} are no input of an equation; known are {', '.join(KNOWN)}.")
-    return np.column_stack(list(columns.values())) if columns else np.zeros((0, 0)), tuple(columns)
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"column(s) {', '.join(twice)} stand in X under two names: keep one of each.")
+    return np.column_stack(list(columns.values())) if columns else np.zeros((0, 0)), names
+
+
+def _understood(name: str) -> str:
+    name = ALIASES.get(name, name)
+    return f"direction_{name[4:]}" if name.startswith("dir_") else name
 
 
 def checked(estimator: BaseEstimator, X: Any, *, reset: bool) -> tuple[Float2D, tuple[str, ...] | None]:
-    """Finite numbers and names of X, and what scikit-learn remembers of its columns (`reset`) or compares."""
+    """Finite numbers of X and what is in them; scikit-learn remembers its columns (`reset`) or compares them, under the
+    names that they have in X."""
     values, names = named_columns(X)
     if names is not None:
-        values = pd.DataFrame(values, columns=pd.Index(names))
+        values = pd.DataFrame(values, columns=pd.Index(names_of(X)))
     found: Any = validate_data(estimator, values, reset=reset, dtype=np.float64)  # type: ignore[arg-type]
     return found, names
 

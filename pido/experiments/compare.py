@@ -28,6 +28,13 @@ def differences(table: pd.DataFrame, metric: str = "rmse") -> pd.DataFrame:
     return both.assign(delta=both["base"] - both[metric])
 
 
+def beside(table: pd.DataFrame, variant: str, baseline: str) -> pd.DataFrame:
+    """The rows, and those of `variant` once more to be compared with `baseline`, where that was measured."""
+    if baseline not in set(table.variant):
+        return table
+    return pd.concat([table, table[table.variant == variant].assign(baseline=baseline)], ignore_index=True)
+
+
 def changes_tested(table: pd.DataFrame, metric: str = "rmse", how: str = "holm") -> pd.DataFrame:
     """One row per scenario, step, space, axis and variant: repeats, mean baseline error, change in percent (positive is
     better), p, corrected p (over all rows of real variants; nulls among themselves), significant."""
@@ -59,13 +66,15 @@ def over_axes(table: pd.DataFrame, metric: str = "rmse") -> pd.DataFrame:
 
 
 def counts(result: pd.DataFrame) -> pd.DataFrame:
-    """Per variant: cells better and worse, and how many of them beyond chance, before and after correction."""
+    """Per variant and what it is compared with: cells better and worse, and how many of them beyond chance, before and
+    after correction."""
     rows = []
-    for variant, group in result.groupby("variant", sort=False):
+    for (variant, baseline), group in result.groupby(["variant", "baseline"], sort=False):
         better, worse = group.change > 0, group.change < 0
         rows.append(
             {
-                "variant": variant, "cells": len(group), "better": int(better.sum()), "worse": int(worse.sum()),
+                "variant": variant, "against": baseline, "cells": len(group),
+                "better": int(better.sum()), "worse": int(worse.sum()),
                 "better, p < 0.05": int((better & (group.p < LEVEL)).sum()),
                 "worse, p < 0.05": int((worse & (group.p < LEVEL)).sum()),
                 "better, corrected": int((better & group.significant).sum()),
@@ -76,13 +85,14 @@ def counts(result: pd.DataFrame) -> pd.DataFrame:
 
 
 def by_step(result: pd.DataFrame) -> pd.DataFrame:
-    """Change in percent (positive is better) per scenario and step, one column per variant; a star marks significance
-    after correction."""
+    """Change in percent (positive is better) per scenario and step, one column per variant and what it is compared
+    with, named by both; a star marks significance after correction."""
     shown = result.assign(
-        cell=[f"{c:+.1f}{'*' if s else ''}" for c, s in zip(result.change, result.significant, strict=True)]
+        pair=result.variant + " against " + result.baseline,
+        cell=[f"{c:+.1f}{'*' if s else ''}" for c, s in zip(result.change, result.significant, strict=True)],
     )
-    wide = shown.pivot(index=["scenario", "space", "axis", "step"], columns="variant", values="cell")
-    order = list(dict.fromkeys(result.variant))
+    wide = shown.pivot(index=["scenario", "space", "axis", "step"], columns="pair", values="cell")
+    order = list(dict.fromkeys(shown["pair"]))
     return wide[order].reset_index()
 
 

@@ -25,7 +25,7 @@ from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.preparation import job_of, prepare
 from pido.recordings import READERS, read_recording
-from pido.recordings.check import check, usable_mask
+from pido.recordings.check import blanked, check
 from pido.recordings.faults import ERROR
 
 log = logging.getLogger(__name__)
@@ -78,7 +78,8 @@ def load_fleet(
     family : 'impellers' (validation) or 'design' (gear, plate, notch in two materials), for virtual machines
     machine, job : for recordings that do not say what machine they are of and what was cut
     count : number of impellers
-    Raises DataError where fewer than two sets are usable, or no axis has a current that changes.
+    Raises DataError where fewer than two sets are usable, no axis has a current that changes, or two recordings are of
+    one part.
     """
     fleet = _virtual(data, family, seed, count) if data in VIRTUAL else _recorded(Path(data), machine, job)
     if not any(varies(samples.currents).any() for samples in fleet.sets.values()) and fleet.sets:
@@ -130,7 +131,7 @@ def _recorded(path: Path, machine: str | None, job: Job | None) -> Fleet:
     files = [path] if _readable(path) else [p for p in sorted(path.iterdir()) if _readable(p)]
     if not files:
         raise DataError(f"{path}: no recording in it. Give a recording, or a folder that holds recordings.")
-    recordings = [read_recording(file, machine=machine) for file in files]
+    recordings = read_each(files, machine)
     names = {r.part.machine for r in recordings}
     if len(names) > 1:
         raise DataError(f"{path}: recordings of several machines ({', '.join(sorted(names))}). Give one machine's.")
@@ -148,6 +149,21 @@ def _recorded(path: Path, machine: str | None, job: Job | None) -> Fleet:
         if len(pieces) > 1:
             notes.append(f"{recording.part.part}: cut into {', '.join(pieces)}")
     return Fleet(path.name, own, sets, group, tuple(notes))
+
+
+def read_each(files: Sequence[Path], machine: str | None) -> list[Recording]:
+    """The recordings of these files. Raises DataError where two of them are of one part: a part is trained on or tested
+    on, and two of one name would be told apart by nothing."""
+    found: dict[str, tuple[Path, Recording]] = {}
+    for file in files:
+        recording = read_recording(file, machine=machine)
+        if (name := recording.part.part) in found:
+            raise DataError(
+                f"{found[name][0]} and {file}: both are recordings of part '{name}'. Give each part its own name "
+                "(`part` in part.json, else the file's name), or take one of them out of the folder."
+            )
+        found[name] = file, recording
+    return [recording for _, recording in found.values()]
 
 
 def rows_of(recording: Recording, machine: Machine, job: Job | None = None) -> tuple[Samples, tuple[str, ...]]:
@@ -171,14 +187,7 @@ def rows_of(recording: Recording, machine: Machine, job: Job | None = None) -> t
     )
     if not {*CURRENT.values()} & {*recording.columns} - {*lost}:
         raise DataError(f"{recording.part.part}: no axis has a current that can be used. {' '.join(left_out)}")
-    usable = usable_mask(recording, tuple(f for f in faults if f.column not in lost))
-    keep = {"time", *POSITION.values(), "nc_line", "tool_id", "coolant"}
-    blank = {
-        name: np.where(usable & (name not in lost), values, np.nan)
-        for name, values in recording.columns.items()
-        if name not in keep and values.dtype != object
-    }
-    recording = recording.with_columns(**blank)
+    recording = blanked(recording, faults)
     if recording.sample_rate_hz > 1.01 * RATE_HZ:
         recording = resample(recording, RATE_HZ)
     materials = {name: config.material(name) for name in config.shipped("materials")}

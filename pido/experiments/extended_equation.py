@@ -31,10 +31,10 @@ from pido.diagnosis.correct import correct
 from pido.diagnosis.diagnose import diagnose
 from pido.equations.fit import fit_global
 from pido.experiments.base import Outcome, Shown
-from pido.experiments.data import DataError, rows_of, runs, varies
+from pido.experiments.data import DataError, read_each, rows_of, runs, varies
 from pido.feature_space.regional import sectors
 from pido.models.axis_models import AxisModels
-from pido.recordings import READERS, read_recording
+from pido.recordings import READERS
 
 log = logging.getLogger(__name__)
 
@@ -103,7 +103,7 @@ def _runs(path: Path, machine: str | None) -> tuple[Machine, list[Run], list[str
         raise DataError(f"{path}: no such file or folder.")
     files = [path] if path.is_file() else sorted(path.iterdir())
     files = [p for p in files if any(reader.recognises(p) for reader in READERS)]
-    recordings = [read_recording(p, machine=machine) for p in files]
+    recordings = read_each(files, machine)
     if not recordings:
         raise DataError(f"{path}: no recording in it. Give a recording, or a folder that holds recordings.")
     mill = config.machine(recordings[0].part.machine)

@@ -7,16 +7,21 @@ In:  `Samples` and a path. Out: a Parquet file, and back. Names: the 13 inputs, 
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
+from pido.core.arrays import Int1D
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT, INPUTS
 from pido.core.files import replacing
 from pido.core.samples import ORIGINS, Samples
+
+_LOST = "lost"
 
 
 def frame(samples: Samples) -> pd.DataFrame:
@@ -32,11 +37,23 @@ def frame(samples: Samples) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def save_samples(samples: Samples, path: Path) -> Path:
-    """Write; a reader sees a whole file or none."""
+def save_samples(samples: Samples, path: Path, lost: Int1D | None = None) -> Path:
+    """Write; a reader sees a whole file or none.
+
+    lost : (m,), samples of the part of which no row could be made; kept beside the rows
+    """
+    table = frame(samples)
+    if lost is not None and len(lost):
+        table.attrs[_LOST] = lost.tolist()
     with replacing(path) as temporary:
-        frame(samples).to_parquet(temporary, index=False)
+        table.to_parquet(temporary, index=False)
     return path
+
+
+def load_lost(path: Path) -> Int1D:
+    """(m,): what was `lost` when the file was written."""
+    kept = json.loads((pq.read_schema(path).metadata or {}).get(b"PANDAS_ATTRS", b"{}"))
+    return np.array(kept.get(_LOST, []), np.int64)
 
 
 def load_samples(path: Path) -> Samples:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
 from pido.monitoring.band import Band, expected_in, scales, standardise
 from pido.monitoring.difficulty import features_of
-from pido.monitoring.residuals import PartResiduals, window_mean, window_samples
+from pido.monitoring.residuals import LEAST_THERE, PartResiduals, window_samples, window_share
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +41,20 @@ LEAST_JUDGED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What can be said of a part. `unwatched` axes have no band or no recording. Of the `windows` of the others, added
-    up, the share `judged` could be judged; the rest is unlike anything that was seen before."""
+    """What can be said of a part. `unwatched` axes have no band or no recording. Of the `windows` that the others would
+    have if no value were missing, added up, the share `judged` could be judged. For the share `lost` the recording
+    lacks too many values; the rest is unlike anything that was seen before.
+
+    lacking : axis to the share of its values that the recording lacks, where it lacks any
+    """
 
     part: str
     alarms: tuple[Alarm, ...]
     unwatched: tuple[str, ...]
     windows: int
     judged: float
+    lost: float = 0.0
+    lacking: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def enough(self) -> bool:
@@ -66,17 +72,24 @@ def judge(part: PartResiduals, band: Band) -> Verdict:
     alarms: list[Alarm] = []
     watched = [a for a in band.axes if np.isfinite(part.residual[:, AXES.index(a)]).any()]
     width = window_samples(part.rate_hz, band.window_s)
-    windows = judged = 0
+    counts: dict[str, _Count] = {}
     for axis in watched:
         z = standardise(part, axis, band)
-        windows += int(np.isfinite(window_mean(part.residual[:, AXES.index(axis)], width)).sum())
-        judged += int(np.isfinite(z).sum())
+        residual = part.residual[:, AXES.index(axis)]
+        there, share = np.isfinite(residual), window_share(residual, width, part.due)
+        due = there if part.due is None else part.due
+        counts[axis] = _Count(
+            windows=int(np.isfinite(share).sum()),
+            judged=int(np.isfinite(z).sum()),
+            lost=int((share < LEAST_THERE).sum()),
+            due=int(due.sum()),
+            there=int(there.sum()),
+        )
         with np.errstate(invalid="ignore"):
             outside = np.abs(z) > band.axes[axis].threshold
         alarms += [_alarm(part, axis, run, z, band) for run in _runs(outside, width)]
     alarms.sort(key=lambda a: a.t_start)
-    unwatched = tuple(a for a in AXES if a not in watched)
-    return Verdict(part.part, tuple(alarms), unwatched, windows, judged / max(windows, 1))
+    return _verdict(part.part, alarms, counts)
 
 
 class Watch:
@@ -89,13 +102,11 @@ class Watch:
         self._rate_hz = rate_hz
         self._last = {axis: deque[tuple[float, Float1D | None]](maxlen=self._width) for axis in band.axes}
         self._engaged = dict.fromkeys(band.axes, 0)
-        self._seen: set[str] = set()
-        self._windows = self._judged = 0
+        self._counts = {axis: _Count() for axis in band.axes}
 
     def verdict(self, part: str, alarms: Sequence[Alarm]) -> Verdict:
         """What can be said of the part so far, `alarms` being those that were raised."""
-        unwatched = tuple(axis for axis in AXES if axis not in self._seen)
-        return Verdict(part, tuple(alarms), unwatched, self._windows, self._judged / max(self._windows, 1))
+        return _verdict(part, alarms, {axis: count for axis, count in self._counts.items() if count.there})
 
     def push(
         self,
@@ -103,29 +114,40 @@ class Watch:
         tool: str,
         block: int,
         states: dict[str, Float1D] | None = None,
+        due: bool = False,
     ) -> dict[str, tuple[float, float]]:
         """Axes that are outside the band at this sample, each with its window mean beyond the centre: in spreads, in A.
 
-        residual : per axis, A; NaN (or an axis left out) starts its window afresh
+        residual : per axis, A; NaN (or an axis left out) starts its window afresh, unless it is due
         states : per axis (d + 2,), the sample's row of `difficulty.state`; None: every state counts as the usual one
+        due : whether a residual is to be expected here: where there is none, the recording lacks a value
         """
         outside = {}
         for axis, last in self._last.items():
             value = residual.get(axis, np.nan)
-            if not math.isfinite(value):
+            count, there = self._counts[axis], math.isfinite(value)
+            if not (there or due):
                 last.clear()
                 self._engaged[axis] = 0
                 continue
             self._engaged[axis] += 1
-            self._seen.add(axis)
+            count.due += 1
+            count.there += there
             last.append((value, None if states is None else states[axis]))
             if len(last) < self._width:
                 continue
             # Summed anew: a running sum drifts over a shift, and a window is a few dozen numbers.
-            mean = math.fsum(v for v, _ in last) / self._width
+            known = [v for v, _ in last if math.isfinite(v)]
+            share = len(known) / self._width
+            count.windows += 1
+            if share < LEAST_THERE:
+                count.lost += 1
+                continue
+            mean = math.fsum(known) / len(known)
             low, high = self._band.limits(axis, tool, block, self._program, *self._expected(axis))
-            self._windows += 1
-            self._judged += math.isfinite(low)
+            middle, reach = 0.5 * (low + high), 0.5 * (high - low) / math.sqrt(share)
+            low, high = middle - reach, middle + reach
+            count.judged += math.isfinite(low)
             if not low <= mean <= high and math.isfinite(low):
                 beyond = mean - 0.5 * (low + high)
                 outside[axis] = (2 * self._band.axes[axis].threshold * beyond / (high - low), beyond)
@@ -137,9 +159,36 @@ class Watch:
         states = [state for _, state in self._last[axis] if state is not None]
         if len(states) < self._width or (band.difficulty is None and band.lean is None):
             return 1.0, 0.0
+        states = [state for state in states if np.isfinite(state).all()]
+        if len(states) / self._width < LEAST_THERE:
+            return math.nan, math.nan
         features = features_of(np.array(states), self._engaged[axis] / self._rate_hz)
         lean, factor = expected_in(features, band.difficulty, band.lean)
         return float(factor[0]), float(lean[0])
+
+
+@dataclass(slots=True)
+class _Count:
+    """Of one axis: windows, those that were judged, and those lost for want of values; values due, and there."""
+
+    windows: int = 0
+    judged: int = 0
+    lost: int = 0
+    due: int = 0
+    there: int = 0
+
+
+def _verdict(part: str, alarms: Sequence[Alarm], counts: Mapping[str, _Count]) -> Verdict:
+    windows = max(1, sum(c.windows for c in counts.values()))
+    return Verdict(
+        part,
+        tuple(alarms),
+        tuple(axis for axis in AXES if axis not in counts),
+        sum(c.windows for c in counts.values()),
+        sum(c.judged for c in counts.values()) / windows,
+        sum(c.lost for c in counts.values()) / windows,
+        {axis: 1.0 - c.there / c.due for axis, c in counts.items() if c.there < c.due},
+    )
 
 
 def _runs(outside: Bool1D, join: int) -> list[slice]:

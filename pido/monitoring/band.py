@@ -29,7 +29,7 @@ from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.monitoring.difficulty import Difficulty, learn_difficulty, means_of, window_features
 from pido.monitoring.lean import Lean, fit_lean, worth_it
-from pido.monitoring.residuals import WINDOW_S, PartResiduals, window_mean, window_samples
+from pido.monitoring.residuals import WINDOW_S, PartResiduals, window_mean, window_samples, window_share
 
 STRETCH_S = 5.0
 """Longer than the residual's memory, so that maxima over such stretches are near to independent, s."""
@@ -114,12 +114,14 @@ class _Windows:
     features: Float2D | None
     width: int
     rate_hz: float
+    wider: Float1D  # (n,), factor on the spread, 1 where no value is missing
 
     def part(self, which: slice) -> _Windows:
         """Some of the windows."""
         features = None if self.features is None else self.features[which]
         tool, block = self.tool[which], self.block[which]
-        return _Windows(self.mean[which], tool, block, self.program, features, self.width, self.rate_hz)
+        mean, wider = self.mean[which], self.wider[which]
+        return _Windows(mean, tool, block, self.program, features, self.width, self.rate_hz, wider)
 
     def side_by_side(self) -> _Windows:
         """Two per window width: nearly all that is to be known, at a fraction of the cost."""
@@ -191,7 +193,7 @@ def corridor(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float
     """(n,), (n,), A: lowest and highest current whose window mean would pass, around the prediction."""
     windows = _windows(part, axis, band.window_s)
     centre, spread = scales(part, axis, band)
-    said = window_mean(part.predicted[:, AXES.index(axis)], windows.width)
+    said = window_mean(part.predicted[:, AXES.index(axis)], windows.width, part.due)
     reach = band.axes[axis].threshold
     return said + centre - reach * spread, said + centre + reach * spread
 
@@ -203,9 +205,11 @@ def scales(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D
 
 def _windows(part: PartResiduals, axis: str, window_s: float) -> _Windows:
     width = window_samples(part.rate_hz, window_s)
-    mean = window_mean(part.residual[:, AXES.index(axis)], width)
+    residual = part.residual[:, AXES.index(axis)]
+    mean, share = window_mean(residual, width, part.due), window_share(residual, width, part.due)
+    wider = 1.0 / np.sqrt(np.where(np.isfinite(mean), share, 1.0))
     features = window_features(part, AXES.index(axis), width)
-    return _Windows(mean, part.tool.astype(str), part.block, part.program, features, width, part.rate_hz)
+    return _Windows(mean, part.tool.astype(str), part.block, part.program, features, width, part.rate_hz, wider)
 
 
 def _splits(parts: Sequence[_Windows], leans: bool) -> list[tuple[Sequence[_Windows], list[_Windows], _State]]:
@@ -317,7 +321,7 @@ def _scales(windows: _Windows, axis: AxisBand) -> tuple[Float1D, Float1D]:
     found = [axis.level(str(tools[t]), int(b), windows.program) for t, b in pairs]
     centre, spread = np.array([(level.centre, level.spread) for level in found]).reshape(-1, 2).T
     expected, factor = _expected(windows, (axis.difficulty, axis.lean))
-    return expected + centre[which.ravel()] * factor, spread[which.ravel()] * factor
+    return expected + centre[which.ravel()] * factor, spread[which.ravel()] * factor * windows.wider
 
 
 def _standardised(windows: _Windows, axis: AxisBand) -> Float1D:

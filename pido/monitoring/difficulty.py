@@ -81,11 +81,11 @@ def window_features(part: PartResiduals, axis: int, width: int) -> Float2D | Non
     middle = columns[known].mean(axis=0) if known.any() else np.zeros(columns.shape[1])
     means, spreads = [], []
     for column, offset in zip(columns.T, middle, strict=True):
-        mean = window_mean(column - offset, width)
-        square = window_mean((column - offset) ** 2, width)
+        mean = window_mean(column - offset, width, part.due)
+        square = window_mean((column - offset) ** 2, width, part.due)
         means.append(mean + offset)
         spreads.append(np.sqrt(np.maximum(square - mean**2, 0.0)))
-    return np.column_stack([*means, *spreads, since(known, part.rate_hz)])
+    return np.column_stack([*means, *spreads, since(known if part.due is None else part.due, part.rate_hz)])
 
 
 def means_of(features: Float2D) -> Float2D:

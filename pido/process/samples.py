@@ -78,6 +78,13 @@ def engaged(recording: Recording, machine: Machine) -> Bool1D:
     return (ar > AR_NOISE_MM2) & (ar < AR_MAX_MM2) & moves
 
 
+def may_be_engaged(recording: Recording) -> Bool1D:
+    """(n,): samples of which the recording does not say that nothing was removed."""
+    if "mrr_sim" not in recording:
+        return np.ones(len(recording), bool)
+    return np.asarray(~(recording["mrr_sim"] <= 0.0))
+
+
 def directions(recording: Recording, machine: Machine) -> Float2D:
     """(n, 4): sign of each axis' last real motion; 0 until it is known, at the start and after every gap in time."""
     step = np.diff(recording.time)

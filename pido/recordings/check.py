@@ -27,6 +27,8 @@ from pido.recordings.units import unit_slips
 
 Check = Callable[[Recording, Machine | None], list[Fault]]
 
+PLACE = (TIME, *POSITION.values(), "nc_line", "tool_id", "coolant")
+"""Columns that stay where a sample cannot be used: the path removes stock all the same."""
 SHORTEST = 50
 """Samples below which nothing can be learned: one second at 50 Hz."""
 LATEST_START_S = 86_400.0
@@ -60,6 +62,23 @@ def usable_mask(recording: Recording, faults: tuple[Fault, ...]) -> Bool1D:
         elif fault.mask is not None:
             usable &= ~fault.mask
     return usable
+
+
+def blanked(recording: Recording, faults: tuple[Fault, ...]) -> Recording:
+    """The recording without what its faults leave out: a fault of a current costs that current alone, any other one the
+    whole sample, but for the columns in PLACE."""
+    currents = {name: tuple(f for f in faults if f.column == name) for name in CURRENT.values()}
+    rows = usable_mask(recording, tuple(f for f in faults if f.column not in currents))
+    usable = {name: rows & usable_mask(recording, own) for name, own in currents.items()}
+    if all(mask.all() for mask in usable.values()):
+        return recording
+    return recording.with_columns(
+        **{
+            name: np.where(usable.get(name, rows), values, np.nan)
+            for name, values in recording.columns.items()
+            if name not in PLACE and values.dtype != object
+        }
+    )
 
 
 def _axis_columns(axis: str) -> tuple[str, ...]:

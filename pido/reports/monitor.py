@@ -92,8 +92,8 @@ def _plot(judgement: Judgement, axis: str) -> figure:
     part, i = judgement.residuals, AXES.index(axis)
     width = window_samples(part.rate_hz, judgement.band.window_s)
     low, high = corridor(part, axis, judgement.band)
-    said = window_mean(part.predicted[:, i], width)
-    recorded = window_mean(part.predicted[:, i] + part.residual[:, i], width)
+    said = window_mean(part.predicted[:, i], width, part.due)
+    recorded = said + window_mean(part.residual[:, i], width, part.due)
     plot = signal_figure(f"Axis {axis}", "time, s", "current, A", 260)
     edges = np.linspace(0, len(part.time), min(MOST_STRETCHES, len(part.time)) + 1).astype(int)
     at = part.time[edges[:-1]]

@@ -19,7 +19,7 @@ from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.columns import INPUTS
 from pido.core.machining import Machine
 from pido.core.samples import ORIGINS, PIA, REAL, Samples
-from pido.core.tables import column_like, is_table, like
+from pido.core.tables import column_like, is_table, like, names_of
 from pido.equations.tables import ANY_MILL, axis_of, checked, column_of, named_columns, rows_of, spread, targets
 from pido.feature_space.grid import Grid
 from pido.sampling.gate import Gate
@@ -75,7 +75,7 @@ class PiDOSampler(BaseEstimator):
         return self
 
     def fit_resample(self, X: Any, y: Any, *, part: Any = None) -> tuple[Any, Any]:
-        """(X, y) with generated rows after the real ones, in the kind of table or array that came in.
+        """(X, y) with generated rows after the real ones, in the kind of table or array that came in, under its names.
 
         X : (n, k); y : (n,) or (n, m), A, m <= 4, NaN where a current was not recorded; a column of a table is of the
         axis that its name says (`curr_sp`)
@@ -106,7 +106,8 @@ class PiDOSampler(BaseEstimator):
         self._describe(real, generated, weights, balanced.report.counting(generated), method.grid)
         more_X = np.column_stack([column_of(generated, name) for name in (names or INPUTS[: values.shape[1]])])
         more_y = generated.currents[:, axes]
-        return _joined(X, values, more_X, names, False), _joined(y, real.currents[:, axes], more_y, self._targets, flat)
+        own = names_of(X) if names is not None else None
+        return _joined(X, values, more_X, own, False), _joined(y, real.currents[:, axes], more_y, self._targets, flat)
 
     def _rows(self, X: Any, y: Any) -> tuple[Float2D, tuple[str, ...] | None, Samples, tuple[int, ...], bool]:
         values, names = checked(self, X, reset=True)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pido import production
-from pido.core.arrays import Float1D
+from pido.core.arrays import Float1D, Int1D
 from pido.core.axes import AXES
 from pido.core.columns import INPUTS
 from pido.core.errors import RegistryError, StoreError
@@ -30,8 +30,8 @@ from pido.monitoring.alarms import LEAST_JUDGED, Alarm, Verdict, judge
 from pido.monitoring.answers import to_calibrate_on
 from pido.monitoring.band import Band, learn
 from pido.monitoring.likeness import looks_like
-from pido.monitoring.residuals import PartResiduals
-from pido.parts import at_rate, look_at, machine_of, samples_of
+from pido.monitoring.residuals import LEAST_THERE, PartResiduals
+from pido.parts import at_rate, look_at, lost_of, machine_of, samples_of
 from pido.store import Store
 from pido.supervision.book import Book, alarm_id
 from pido.supervision.residuals import Said, held_out, known_residuals, on_the_clock, support
@@ -118,10 +118,23 @@ def not_judged(verdict: Verdict, band: Band) -> str:
         return "no axis has both a recorded current and a band"
     if not verdict.windows:
         return f"no stretch with the tool in engagement lasts {band.window_s:g} s, the shortest that is judged"
-    if verdict.judged < 0.995:
-        share = f"{1 - verdict.judged:.0%} of the part is unlike anything that the model was tried on"
-        return f"{share}: not judged there"
-    return ""
+    why = []
+    if verdict.lost > 0.005:
+        why.append(f"for {verdict.lost:.0%} of the part the recording lacks too many values: not judged there")
+    if (unlike := 1.0 - verdict.judged - verdict.lost) > 0.005:
+        why.append(f"{unlike:.0%} of the part is unlike anything that the model was tried on: not judged there")
+    return "; ".join(why)
+
+
+def missing(verdict: Verdict) -> str:
+    """Which values the recording lacks; empty where none. Where a whole axis was not recorded, it is unwatched."""
+    if not verdict.lacking:
+        return ""
+    shares = ", ".join(f"{axis} {share:.1%}" for axis, share in verdict.lacking.items())
+    return (
+        f"values are missing where the tool is engaged ({shares}) and are never filled in: a window is judged by the "
+        f"rest of it where at least {LEAST_THERE:.0%} is there. Look for a loose sensor or a channel that drops out."
+    )
 
 
 def named(one: NamedAlarm) -> dict[str, Any]:
@@ -142,7 +155,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
     Raises RegistryError while the machine has no model, StoreError for a part that is nowhere, FitError without any
     residual to learn a band from; what `ingest` raises for a recording that cannot be used.
     """
-    recording, samples, digest = _find(workspace, part, machine)
+    recording, samples, lost, digest = _find(workspace, part, machine)
     machine = recording.part.machine
     expect = Expectation.of(workspace, machine)
     notes = list(expect.notes)
@@ -160,7 +173,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
         inputs = model_inputs(samples, expect.models.inputs)
         doubt = expect.distance(inputs)
         said = Said.by(expect.models, inputs, machine_of(workspace, machine))
-        residuals, rows = on_the_clock(digest, recording, samples, inputs, said, doubt)
+        residuals, rows = on_the_clock(digest, recording, samples, inputs, said, doubt, lost)
     band = expect.band(tolerate, without=digest)
     verdict = judge(residuals, band)
     signals = {name: samples.inputs[:, i] for i, name in enumerate(INPUTS)}
@@ -172,7 +185,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
         for a in verdict.alarms
         for name in [alarm_id(machine, digest, a)]
     )
-    notes += [why] if (why := not_judged(verdict, band)) else []
+    notes += [words for words in (missing(verdict), not_judged(verdict, band)) if words]
     return Judgement(recording.part.part, digest, machine, expect.model, verdict, alarms, band, residuals, tuple(notes))
 
 
@@ -233,15 +246,16 @@ class Expectation:
         return learn(to_calibrate_on(judged or known, book.open_alarms(), book.answers()), tolerate)
 
 
-def _find(workspace: Workspace, part: str, machine: str | None) -> tuple[Recording, Samples, str]:
-    """Recording at the method's rate, its rows, its digest."""
+def _find(workspace: Workspace, part: str, machine: str | None) -> tuple[Recording, Samples, Int1D, str]:
+    """Recording at the method's rate, its rows, what was lost (`pido.parts.lost_of`), its digest."""
     store = Store(workspace.store)
     known = [e for e in store.entries(machine) if part == e.part or (len(part) >= 8 and e.digest.startswith(part))]
     if len(known) > 1:
         raise StoreError(f"'{part}' is a part of {', '.join(e.machine for e in known)}: name one with --machine.")
     if known:
         recording = at_rate(workspace, store.load(known[0].digest))
-        return recording, samples_of(workspace, known[0].digest), known[0].digest
+        digest = known[0].digest
+        return recording, samples_of(workspace, digest), lost_of(workspace, digest), digest
     if not Path(part).exists():
         raise StoreError(f"'{part}' is neither a file or folder nor a part in {workspace.store}.")
     return look_at(workspace, Path(part), machine)

@@ -36,7 +36,7 @@ from pido.monitoring.band import MOST_PARTS
 from pido.monitoring.doubt import Support
 from pido.monitoring.residuals import WINDOW_S, PartResiduals
 from pido.monitoring.standing import explained, other_end
-from pido.parts import at_rate, machine_of, recipe_of, samples_of
+from pido.parts import at_rate, lost_of, machine_of, recipe_of, samples_of
 from pido.store import Store
 from pido.tracking import report_files
 from pido.tracking.bundle import Bundle
@@ -44,7 +44,7 @@ from pido.tracking.ledger import Iteration, Ledger
 from pido.workspace import Workspace
 
 log = logging.getLogger(__name__)
-_INPUT = "input_"
+_INPUT, _DUE = "input_", "due"
 STRETCHES = 6
 FEW = 4
 
@@ -106,12 +106,19 @@ def support(workspace: Workspace, digests: Sequence[str], inputs: InputKind) -> 
 
 
 def on_the_clock(
-    part: str, recording: Recording, samples: Samples, inputs: Float2D, said: Said, doubt: Float1D
+    part: str,
+    recording: Recording,
+    samples: Samples,
+    inputs: Float2D,
+    said: Said,
+    doubt: Float1D,
+    lost: Int1D | None = None,
 ) -> tuple[PartResiduals, Int1D]:
     """Residuals at even times, and where on them each row lies (n,).
 
     recording : at the method's rate, as the rows are numbered; a pause in it keeps at least a window's length, so that
         no window reaches across it
+    lost : (m,), samples of which no row could be made for want of a value, numbered as rows are
     """
     time = recording.time
     step = float(np.median(np.diff(time)))
@@ -126,9 +133,13 @@ def on_the_clock(
     given = np.full((n, inputs.shape[1]), np.nan)
     nearest = explained(said.currents, said.other_end, samples.currents)
     residual[rows], expected[rows], away[rows], given[rows] = samples.currents - nearest, nearest, doubt, inputs
+    due = np.zeros(n, bool)
+    due[rows] = True
+    if lost is not None:
+        due[place[lost]] = True
     tool, block = _tool(recording)[row], _block(recording)[row]
     program = recording.part.program or ""
-    return PartResiduals(part, clock, residual, expected, tool, block, away, given, program), rows
+    return PartResiduals(part, clock, residual, expected, tool, block, away, given, program, due), rows
 
 
 def _by_itself(
@@ -148,7 +159,8 @@ def _by_itself(
             inputs = model_inputs(samples, models.inputs)
             said = Said.by(models, inputs, machine_of(workspace, machine))
             recording = at_rate(workspace, _bare(Store(workspace.store).load(digest)))
-            made = on_the_clock(digest, recording, samples, inputs, said, near.distance(inputs))[0]
+            lost = lost_of(workspace, digest)
+            made = on_the_clock(digest, recording, samples, inputs, said, near.distance(inputs), lost)[0]
             _save(made, paths[digest])
     return [_load(digest, path) for digest, path in paths.items()]
 
@@ -168,7 +180,8 @@ def _each_by_the_others(
             doubt = support(workspace, others, recipe.inputs).distance(mine)
             recording = at_rate(workspace, _bare(Store(workspace.store).load(digest)))
             said = Said.by(models, mine, machine_of(workspace, machine))
-            _save(on_the_clock(digest, recording, samples[digest], mine, said, doubt)[0], paths[digest])
+            lost = lost_of(workspace, digest)
+            _save(on_the_clock(digest, recording, samples[digest], mine, said, doubt, lost)[0], paths[digest])
     return [_load(digest, path) for digest, path in paths.items()]
 
 
@@ -201,7 +214,8 @@ def _make(workspace: Workspace, iteration: Iteration, recipe: Recipe) -> PartRes
     else:
         said, doubt = in_stretches(samples, recipe, workspace.settings.seed, machine_of(workspace, iteration.machine))
     stored = Store(workspace.store).load(digest)
-    return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, columns, said, doubt)[0]
+    lost = lost_of(workspace, digest)
+    return on_the_clock(digest, at_rate(workspace, _bare(stored)), samples, columns, said, doubt, lost)[0]
 
 
 def in_stretches(samples: Samples, recipe: Recipe, seed: int, machine: Machine) -> tuple[Said, Float1D]:
@@ -253,14 +267,18 @@ def _block(recording: Recording) -> Int1D:
 
 
 def _is_kept(path: Path, inputs: InputKind) -> bool:
-    """Whether residuals lie at `path`, with the inputs that models of this kind take."""
-    return path.exists() and sum(n.startswith(_INPUT) for n in pq.read_schema(path).names) == len(NAMES[inputs])
+    """Whether residuals lie at `path`, with all that is kept of them and the inputs that models of this kind take."""
+    if not path.exists():
+        return False
+    names = pq.read_schema(path).names
+    return _DUE in names and sum(n.startswith(_INPUT) for n in names) == len(NAMES[inputs])
 
 
 def _save(part: PartResiduals, path: Path) -> None:
     columns: dict[str, Array1D] = {"time": part.time, "tool": part.tool.astype(str), "block": part.block}
     columns |= {f"residual_{axis}": part.residual[:, i] for i, axis in enumerate(AXES)}
     columns |= {f"predicted_{axis}": part.predicted[:, i] for i, axis in enumerate(AXES)}
+    columns |= {_DUE: np.asarray(np.isfinite(part.residual).any(axis=1) if part.due is None else part.due)}
     columns |= {"doubt": np.zeros(len(part.time)) if part.doubt is None else part.doubt}
     if part.inputs is not None:
         columns |= {f"{_INPUT}{k}": values for k, values in enumerate(part.inputs.T)}
@@ -284,5 +302,5 @@ def _load(part: str, path: Path) -> PartResiduals:
     given = [name for name in table.columns if name.startswith(_INPUT)]
     return PartResiduals(
         part, table["time"].to_numpy(float), residual, predicted, tool, block, doubt,
-        np.ascontiguousarray(table[given].to_numpy(float)), table.attrs["program"],
+        np.ascontiguousarray(table[given].to_numpy(float)), table.attrs["program"], table[_DUE].to_numpy(bool),
     )  # fmt: skip

@@ -40,10 +40,10 @@ from pido.monitoring.standing import explained, other_end
 from pido.parts import machine_of
 from pido.physics.friction import held_direction
 from pido.process.quantities import area_removal
-from pido.process.samples import engaged
+from pido.process.samples import engaged, may_be_engaged
 from pido.supervision.book import Book, alarm_id
 from pido.supervision.growing import Growing, blocks
-from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, named, not_judged, recorded
+from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, missing, named, not_judged, recorded
 from pido.supervision.residuals import Said, support
 from pido.workspace import Workspace
 
@@ -93,8 +93,9 @@ class Stream:
         states = {axis: state(doubt, inputs, said[:, i]) for i, axis in enumerate(AXES)}
         residual = samples.currents - said
         judged = np.full(len(recording), self._air_cut) if self._air_cut else engaged(recording, self._machine)
-        judged &= np.isfinite(samples.inputs).all(axis=1)
-        residual[~judged] = np.nan
+        whole = np.isfinite(samples.inputs).all(axis=1)
+        due = judged & whole | may_be_engaged(recording) & ~whole
+        residual[~(judged & whole)] = np.nan
         self.samples += len(recording)
         for k in range(len(recording)):
             tool = str(columns["tool_id"][k]) if "tool_id" in columns else ""
@@ -105,7 +106,7 @@ class Stream:
             self._last = now
             self._past.append((now, samples.inputs[k], residual[k]))
             values: dict[str, float] = dict(zip(AXES, residual[k].tolist(), strict=True))
-            outside = self._watch.push(values, tool, block, {axis: of[k] for axis, of in states.items()})
+            outside = self._watch.push(values, tool, block, {axis: of[k] for axis, of in states.items()}, bool(due[k]))
             yield from self._changes(now, outside, tool, block)
 
     def end(self) -> Iterator[Event]:
@@ -200,7 +201,10 @@ def follow_file(
     yield from stream.end()
     verdict = stream.verdict()
     ending = f"{path}: the next part is written into it; this one ended there. Follow it again for the next one."
-    new_notes = [*([ending] if file.replaced else []), *([why] if (why := not_judged(verdict, band)) else [])]
+    new_notes = [
+        *([ending] if file.replaced else []),
+        *(words for words in (missing(verdict), not_judged(verdict, band)) if words),
+    ]
     for note in new_notes:
         log.warning("%s", note)
     notes = [*expect.notes, *new_notes]

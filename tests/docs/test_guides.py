@@ -51,6 +51,7 @@ def test_the_library_path_runs_and_finds_what_was_concealed(capsys):
     assert re.search(rf"^{axis}\s+torque_ripple", said, re.MULTILINE)
     before, after = map(float, re.search(rf"^{axis}: (\S+) -> (\S+) A", said, re.MULTILINE).groups())
     assert after < 0.6 * before  # an effect of three times the noise is most of the error
+    assert float(re.search(r"^a forest with these rows: (\S+) A", said, re.MULTILINE)[1]) > 0
 
 
 def test_the_notebook_has_the_cells_of_the_script_that_runs():

@@ -20,7 +20,7 @@ from pido.experiments.data import Fleet, load_fleet, runs
 from pido.experiments.local_vs_global import CHOSEN
 from pido.experiments.runner import measure, run_experiment
 from pido.experiments.score import changes
-from pido.experiments.variants import DELIVERED, OTHERS
+from pido.experiments.variants import BASELINE, DELIVERED, OTHERS
 from pido.feature_space.density import occupancy
 from pido.feature_space.grid import SAMPLING_GRID
 from pido.reports.experiment import _strokes
@@ -148,6 +148,23 @@ def test_an_ablation_of_chosen_percents_measures_those_and_nothing_else(fleet, t
     assert "outside the coming part's bins" in said
     with pytest.raises(PidoError, match="1 to 100"):
         run_experiment("ablation", fleet, folder=tmp_path, repeats=1, quick=True, percents=(0,))
+
+
+def test_the_verdict_of_an_ablation_names_both_baselines_and_does_not_hide_the_worse_one():
+    errors = {"real": 1.0, "PiA+PiE": 1.1, "real + direction": 2.0, "PiDO": 1.5}
+    table = pd.DataFrame(
+        [{"scenario": TIME, "repeat": k, "step": 10, "space": "C", "axis": axis, "variant": v, "baseline": BASELINE[v],
+          "rmse": rmse + k / 100, "mae": 1.0, "error_99": 1.0, "peak": 1.0, "at_changes": 1.0, "even": 1.0,
+          "generated": 1}
+         for k in range(12) for axis in ("x", "y") for v, rmse in errors.items()]
+    )  # fmt: skip
+    told = experiment("ablation").summarise(table)
+    without, real = told.verdict.split(" PiDO as delivered ")
+    assert "against `real + direction` (the same models without its rows)" in without
+    assert "0 significant deterioration(s) and 2 significant improvement(s) in 2 cells" in without
+    assert "+24.3 %" in without  # 0.5 of 2.055 A
+    assert "against `real` (models as printed, on real rows): 2 significant deterioration(s)" in real
+    assert "in the worst cell -47.4 % (axis x, first rows, 10 %, space C)" in real  # 0.5 of 1.055 A
 
 
 def test_pages_say_how_many_sets_were_left_out_and_fit_no_order_that_shares_do_not_determine():

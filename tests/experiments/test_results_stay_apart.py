@@ -11,10 +11,12 @@ from pido.config import machine
 from pido.core.errors import SettingsError
 from pido.experiments import concealed, extended_equation, runner
 from pido.experiments.base import Outcome, Shown
-from pido.experiments.data import Fleet
+from pido.experiments.data import DataError, Fleet, load_fleet
 from pido.experiments.places import folder_names
 from pido.experiments.runner import run_experiment
+from pido.recordings.folder import write_folder
 from tests.experiments.test_experiments_run import part
+from tests.plain_parts import parts
 
 
 @pytest.fixture(scope="module")
@@ -132,3 +134,13 @@ def test_an_option_that_means_nothing_for_an_experiment_is_a_wrong_call(words, o
     assert code == 2
     assert f"{option} is an option of " in said
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("load", [lambda data: load_fleet(str(data), "impellers"), extended_equation.run])
+def test_two_recordings_of_one_part_are_refused_and_both_are_named(load, tmp_path):
+    first, second, third = parts(3)
+    for folder, recording in (("a", first), ("b", second), ("c", third)):
+        named = recording.part if folder != "c" else recording.part.model_copy(update={"part": first.part.part})
+        write_folder(type(recording)(named, recording.columns), tmp_path / folder)
+    with pytest.raises(DataError, match=rf"/a and .*/c: both are recordings of part '{first.part.part}'.*its own name"):
+        load(tmp_path)

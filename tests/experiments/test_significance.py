@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from pido.experiments.compare import changes_tested, counts, differences
+from pido.experiments.compare import beside, by_step, changes_tested, counts, differences
 from pido.experiments.significance import corrected, paired_p
 
 
@@ -58,3 +58,15 @@ def test_a_halved_error_is_counted_as_a_significant_improvement_and_noise_is_not
     assert number.loc["half", "better, corrected"] == 1
     assert number.loc["same", ["better, corrected", "worse, corrected"]].tolist() == [0, 0]
     assert result.set_index("variant").loc["half", "change"] == pytest.approx(50, abs=1)
+
+
+def test_a_variant_beside_two_baselines_has_a_column_and_a_count_for_each_that_names_it():
+    table = errors()
+    rich = table[table.variant == "real"].assign(variant="rich", baseline="rich")
+    poor = rich.assign(variant="none", baseline="none", rmse=2 * rich.rmse)
+    own = table[table.variant == "half"].assign(variant="PiDO", baseline="rich")
+    result = changes_tested(beside(pd.concat([rich, poor, own]), "PiDO", "none"))
+    assert by_step(result).columns[-2:].tolist() == ["PiDO against rich", "PiDO against none"]
+    assert counts(result)[["variant", "against"]].values.tolist() == [["PiDO", "rich"], ["PiDO", "none"]]
+    assert result.change.tolist() == pytest.approx([50.0, 75.0], abs=1)
+    assert beside(own, "PiDO", "none") is own

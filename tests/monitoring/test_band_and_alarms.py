@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from pido.core.errors import FitError
 from pido.monitoring.alarms import Watch, judge
-from pido.monitoring.band import learn
+from pido.monitoring.band import learn, scales
 from pido.monitoring.residuals import PartResiduals
 
 RATE = 50.0
@@ -78,6 +78,60 @@ def test_watching_sample_by_sample_sees_what_judging_the_whole_part_sees():
 def test_an_axis_without_recording_is_named_as_unwatched():
     rng = np.random.default_rng(3)
     assert judge(_good("n", rng), learn([_good("g", rng)])).unwatched == ("sp",)
+
+
+def _lacking(part: PartResiduals, axis: int, where: np.ndarray) -> PartResiduals:
+    """Without the values of one axis, as a channel that drops out leaves it."""
+    residual = part.residual.copy()
+    residual[where, axis] = np.nan
+    due = np.ones(len(part.time), bool)
+    return PartResiduals(part.part, part.time, residual, part.predicted, part.tool, part.block, due=due)
+
+
+def _watched(part: PartResiduals, watch: Watch) -> None:
+    for r, tool, block in zip(part.residual, part.tool, part.block, strict=True):
+        watch.push(dict(zip("xyz", r[:3], strict=True)), tool, int(block), due=True)
+
+
+def test_what_a_recording_lacks_is_no_time_that_was_judged():
+    rng = np.random.default_rng(5)
+    band = learn([_good("g", rng) for _ in range(3)])
+    part = _good("n", rng)
+    every_third, n = np.arange(len(part.time)) % 3 == 0, len(part.time)
+    for axis in range(3):
+        part = _lacking(part, axis, every_third & (part.time < 80.0))
+    verdict = judge(part, band)
+    assert (verdict.good, verdict.judged) == (False, pytest.approx(0.2, abs=0.01))
+    assert verdict.judged + verdict.lost == pytest.approx(1.0)
+    assert verdict.lacking == pytest.approx(dict.fromkeys("xyz", (every_third & (part.time < 80.0)).sum() / n))
+    watch = Watch(band, RATE)
+    _watched(part, watch)
+    assert watch.verdict("n", verdict.alarms) == verdict
+
+
+def test_a_window_that_lacks_a_few_values_is_judged_by_the_rest_and_one_axis_does_not_blind_another():
+    rng = np.random.default_rng(6)
+    band = learn([_good("g", rng) for _ in range(3)])
+    sparse = lambda part: _lacking(part, 0, np.arange(len(part.time)) % 12 == 0)  # noqa: E731
+    wrong = sparse(_with_step(_good("n", rng), 0.3, 40.0, 2.0))
+    verdict = judge(wrong, band)
+    assert (verdict.judged, verdict.lost) == (1.0, 0.0)
+    assert any(a.axis == "x" and a.t_start <= 41.0 and a.t_end >= 40.0 for a in verdict.alarms)
+    assert set(verdict.lacking) == {"x"}
+    watch = Watch(band, RATE)
+    _watched(wrong, watch)
+    assert watch.verdict("n", verdict.alarms) == verdict
+    assert sum(bool(judge(sparse(_good("n", rng)), band).alarms) for _ in range(100)) <= 2
+
+
+def test_a_mean_of_fewer_values_has_a_band_wider_by_the_root_of_their_share():
+    rng = np.random.default_rng(7)
+    band = learn([_good("g", rng) for _ in range(3)])
+    part = _good("n", rng)
+    width = round(RATE * band.window_s)
+    whole = scales(part, "x", band)[1][width]
+    fewer = scales(_lacking(part, 0, np.arange(len(part.time)) % 5 == 0), "x", band)[1][width]
+    assert fewer == pytest.approx(whole / np.sqrt(0.8))
 
 
 def _shorter(part: PartResiduals, seconds: float) -> PartResiduals:

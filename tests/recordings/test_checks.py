@@ -8,7 +8,7 @@ from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings import read_recording
-from pido.recordings.check import check, usable_mask
+from pido.recordings.check import blanked, check, usable_mask
 from pido.recordings.resample import resample
 
 N, RATE = 3000, 50.0
@@ -251,3 +251,17 @@ def test_the_spindle_resets_of_the_published_air_cut_are_found_and_little_else_i
     assert lost[impossible].all()
     assert lost[np.abs(recording["a_sp"]) > 1e5].all()
     assert lost.sum() <= 60
+
+
+def test_a_fault_of_one_current_costs_that_current_and_one_of_an_input_the_whole_sample():
+    rows, good = np.arange(N), _good()
+    columns = {name: np.array(values) for name, values in good.columns.items()}
+    columns["curr_x"][rows % 12 == 0] = np.nan
+    columns["v_y"][100:120] = np.nan
+    bad = Recording(good.part, columns)
+    left = blanked(bad, check(bad))
+    gone = (rows >= 100) & (rows < 120)
+    np.testing.assert_array_equal(np.isnan(left["curr_x"]), gone | (rows % 12 == 0))
+    np.testing.assert_array_equal(np.isnan(left["curr_y"]), gone)
+    np.testing.assert_array_equal(left["pos_x"], good["pos_x"])
+    assert blanked(good, ()) is good

@@ -12,7 +12,7 @@ from sklearn.ensemble import ExtraTreesRegressor
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from pido.core.columns import CURRENT, INPUTS
-from pido.core.errors import FitError
+from pido.core.errors import FitError, RecordingError
 from pido.core.machining import AxisLimits, Machine
 from pido.equations.estimators import LocalPhysicalEquations
 from pido.sampling.front import PiDOSampler
@@ -155,6 +155,30 @@ def test_a_table_comes_out_as_the_kind_that_went_in(kind):
     assert type(more_y) is type(kind(y))
     np.testing.assert_array_equal(np.column_stack([more_X[c] for c in INPUTS]), plain_X[list(INPUTS)])
     np.testing.assert_array_equal(more_y[CURRENT["y"]], plain_y["curr_y"])
+
+
+@pytest.mark.parametrize("kind", [pd.DataFrame, pl.DataFrame, lambda X: pa.Table.from_pandas(X, preserve_index=False)])
+def test_the_names_that_went_in_come_out_and_a_model_of_the_rows_predicts_the_next_part(kind):
+    X, y = cuts(300)
+    X = X.rename(columns={"f_x_sim": "f_x", "mrr_sim": "materialremoved"}).assign(
+        dir_x=np.sign(X["v_x"]), direction_y=np.sign(X["v_y"])
+    )
+    sampler = PiDOSampler(MACHINE, density=100.0, random_state=0)
+    more_X, more_y = sampler.fit_resample(kind(X), kind(y))
+    names = getattr(more_X, "column_names", None) or list(more_X.columns)
+    assert list(names) == list(sampler.get_feature_names_out()) == list(sampler.feature_names_in_) == list(X.columns)
+    if kind is pd.DataFrame:
+        model = ExtraTreesRegressor(3, random_state=0).fit(more_X, more_y)
+        assert model.predict(X).shape == y.shape
+        assert LocalPhysicalEquations(MACHINE).fit(more_X, more_y).predict(X).shape == y.shape
+
+
+def test_one_thing_under_two_names_is_refused():
+    X, y = cuts(50)
+    with pytest.raises(ValueError, match="direction_x stand in X under two names"):
+        PiDOSampler(MACHINE).fit_resample(X.assign(dir_x=1.0, direction_x=1.0), y)
+    with pytest.raises(RecordingError, match=r"twice in the table: \['f_x_sim'\]"):
+        PiDOSampler(MACHINE).fit_resample(X.assign(f_x=0.0), y)
 
 
 def test_it_works_in_a_pipeline_of_imbalanced_learn():

@@ -5,6 +5,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -273,6 +274,32 @@ def test_a_part_without_a_whole_window_is_not_judged_rather_than_good_at_once_an
     for said in ("good", "verdict", "judged", "unwatched", "notes"):
         assert followed[said] == at_once[said]
     assert book.unjudged() == {at_once["digest"], followed["digest"]}
+
+
+def _without(plant: Path, name: str, where: Callable[[np.ndarray], np.ndarray], *columns: str) -> Path:
+    recording = read_recording(plant / "good")
+    gone = where(np.arange(len(recording)) / len(recording))
+    lacking = {c: np.where(gone, np.nan, recording[c]) for c in columns}
+    part = recording.part.model_copy(update={"part": name})
+    return write_folder(Recording(part, {**recording.columns, **lacking}), plant / name)
+
+
+def test_values_that_the_recording_lacks_are_warned_of_and_too_many_of_them_are_no_good_part(plant, tmp_path):
+    currents = ("curr_x", "curr_y", "curr_z", "curr_sp")
+    whole = json.loads(_call("monitor", plant / "good", "-w", plant / "ws", "--json"))
+    x_gone = _without(plant, "x_gone", lambda at: at > 0.55, "curr_x")
+    one = json.loads(_call("monitor", x_gone, "-w", plant / "ws", "--json"))
+    assert 0.75 < one["judged"] / whole["judged"] < 1.0
+    assert any("values are missing where the tool is engaged (x " in note for note in one["notes"])
+    for name, columns in (("all_gone", currents), ("input_gone", ("f_x_sim",))):
+        # Up to nine tenths of the part, 10 of each 30 samples are gone: no window there has enough.
+        part = _without(plant, name, lambda at: (np.arange(len(at)) % 30 < 10) & (at < 0.9), *columns)
+        said = json.loads(_call("monitor", part, "-w", plant / "ws", "--json", status=3))
+        assert (said["verdict"], said["good"]) == ("not judged", False)
+        assert any("the recording lacks too many values" in note for note in said["notes"])
+        _csv(part, tmp_path / f"{name}.csv")
+        follow = ["monitor", "--follow", tmp_path / f"{name}.csv", "-w", plant / "ws", "--machine", MACHINE]
+        assert _call(*follow, "--idle-s", 0, status=3).splitlines()[-1].startswith(f"{name}   not judged")
 
 
 @pytest.mark.parametrize(
