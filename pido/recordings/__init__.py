@@ -67,12 +67,14 @@ def read_recording(
     machine: str | None = None,
     channels: Mapping[str, str] | None = None,
     rate_hz: float | None = None,
+    spindle_max_deg_s: float | None = None,
 ) -> Recording:
     """One part's recording.
 
     machine : identifier for recordings that do not name theirs
     channels : axis of the contract -> axis name in the control's header, e.g. {"sp": "S1"}; defaults in `signals`
     rate_hz : resample to this lower rate (anti-aliased); None keeps every sample
+    spindle_max_deg_s : highest speed of the machine's spindle, where it is known (`derive.with_motion`)
 
     Velocities and accelerations that were not recorded are derived (`derive.with_motion`), and a note says so.
     Raises RecordingError (damaged, incomplete), SettingsError (part.json), or UnavailableError: what the operating
@@ -84,5 +86,5 @@ def read_recording(
     for what, name in (("part", recording.part.part), ("machine", recording.part.machine)):
         if fault := unusable(name):
             raise RecordingError(f"{path}: the name of its {what} {fault}. Give it another one.")
-    recording = with_motion(recording)
+    recording = with_motion(recording, spindle_max_deg_s)
     return recording if rate_hz is None else resample(recording, rate_hz)

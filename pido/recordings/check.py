@@ -22,7 +22,7 @@ from pido.core.recording import Recording, usual_step
 from pido.core.wild import wild_samples
 from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
 from pido.recordings.reader import UNKNOWN
-from pido.recordings.segments import GAP, counter_resets, starts, stretches, unwrap_deg
+from pido.recordings.segments import GAP, counter_resets, is_angle, starts, stretches, unwrap_deg
 from pido.recordings.units import unit_slips
 
 Check = Callable[[Recording, Machine | None], list[Fault]]
@@ -74,15 +74,15 @@ def _columns(recording: Recording) -> list[Fault]:
     for axis in present:
         for column in _axis_columns(axis):
             if column not in recording and column != POSITION["sp"]:
-                faults.append(
-                    whole(
-                        "missing_column",
-                        column,
-                        f"axis {axis} was recorded without it.",
-                        f"Export the recording again with {column} in {UNITS[column]}, or without the axis.",
-                        ERROR,
-                    )
+                what = f"axis {axis} was recorded without it" + (
+                    ", and pos_sp, an angle within one turn, does not tell it: the turns between samples are not known."
+                    if column in (VELOCITY["sp"], ACCELERATION["sp"])
+                    and POSITION["sp"] in recording
+                    and is_angle(recording[POSITION["sp"]])
+                    else "."
                 )
+                advice = f"Export the recording again with {column} in {UNITS[column]}, or without the axis."
+                faults.append(whole("missing_column", column, what, advice, ERROR))
     for name in recording.columns:
         if name not in UNITS:
             near = difflib.get_close_matches(name, UNITS, 1)
@@ -333,7 +333,10 @@ def _spikes(recording: Recording, axis: str) -> Bool1D:
 
 
 def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
-    """Currents with a flat top: the extreme value comes in runs, while its neighbourhood is hardly ever reached."""
+    """Currents with a flat top: the extreme value comes in runs, while its neighbourhood is hardly ever reached.
+
+    One that is far from everything else was not measured at all: a program wrote it where it had no value.
+    """
     faults = []
     for axis in AXES:
         if CURRENT[axis] not in recording:
@@ -342,7 +345,7 @@ def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
         known = current[np.isfinite(current)]
         if len(known) < SHORTEST or np.ptp(known) == 0:
             continue
-        flat = np.zeros(len(current), bool)
+        flat, held = np.zeros((2, len(current)), bool)
         for extreme in (known.max(), known.min()):
             top = current == extreme
             near = current[(np.abs(current - extreme) <= 0.05 * np.ptp(known)) & ~top]
@@ -350,7 +353,16 @@ def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
             runs = _run_length(top) >= 3
             # A coarse scale repeats every value; a flat top repeats one. Zero is a drive at rest, not a limit.
             if extreme != 0 and runs.sum() >= 6 and top.sum() > 5 * beside:
-                flat |= top
+                # A current that is cut off comes from just below its limit: it is not ten ranges away from all others.
+                rest = known[known != extreme]
+                far = np.abs(extreme - rest).min() > 10.0 * np.ptp(rest)
+                (held if far else flat)[top] = True
+        if held.any():
+            value = current[held][0]
+            what = f"'{CURRENT[axis]}' is {value:.6g} in {int(held.sum())} samples, far from all others."
+            advice = "It looks like a placeholder for what was not measured; leave such cells empty. They are left out."
+            severity = ERROR if held.mean() > 0.5 else WARNING
+            faults.append(at("placeholder", CURRENT[axis], held, recording.time, what, advice, severity, mask=True))
         if flat.any():
             share = flat.mean()
             what = f"'{CURRENT[axis]}' stops at {np.nanmax(np.abs(current[flat])):.4g} A, a flat top."

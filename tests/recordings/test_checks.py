@@ -112,6 +112,14 @@ def test_damage_is_found_where_it_was_done_and_its_samples_are_left_out(column, 
     assert usable_mask(recording, faults)[~damaged].mean() > 0.99
 
 
+@pytest.mark.parametrize("value", [-9999.0, 99999.0, 6553.5])
+def test_a_placeholder_is_no_measuring_range_that_was_exceeded(value):
+    (fault,) = check(_spoiled("curr_x", lambda c: c * 0 + value, slice(500, 541)))
+    assert (fault.kind, fault.severity, fault.rows) == ("placeholder", "warning", 41)
+    assert np.flatnonzero(fault.mask).tolist() == list(range(500, 541))
+    assert f"is {value:g} in 41 samples" in fault.what
+
+
 def test_a_dead_channel_is_named():
     faults = check(_spoiled("curr_z", lambda c: c * 0))
     assert [(f.kind, f.column) for f in faults] == [("constant", "curr_z")]
