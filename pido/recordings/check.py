@@ -35,6 +35,10 @@ V_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 5_000.0), "sp": 600_000.0}  # mm/s; d
 A_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 100_000.0), "sp": 1_000_000.0}  # mm/s² (10 g); deg/s²: of any mill
 
 
+_BY_MOTION = {"shuffled", "position_jump", "impossible_speed", "impossible_acceleration"}
+"""Kinds that compare motion with time and with what is possible: where a unit slipped, they say nothing more."""
+
+
 def check(recording: Recording, machine: Machine | None = None, *, air_cut: bool = True) -> tuple[Fault, ...]:
     """Every fault of the recording, errors first.
 
@@ -46,6 +50,8 @@ def check(recording: Recording, machine: Machine | None = None, *, air_cut: bool
     if _has_time_base(recording.time):
         for one in CHECKS:
             faults.extend(one(recording, machine))
+        if any(f.kind == "unit_slip" and {TIME, *MOTION} & set(f.column.split(", ")) for f in faults):
+            faults = [f for f in faults if f.kind not in _BY_MOTION]
         if not air_cut:
             faults.extend(_engagement(recording))
     return tuple(sorted(faults, key=lambda f: f.severity != ERROR))
