@@ -69,7 +69,7 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
 
     changed = Changed(f"{place}: was changed while it was read; it is taken when it has come to rest.")
     try:
-        recording = _read(place, named)
+        recording = _read(workspace, place, named)
         _check(recording, workspace, place)
         samples, lost = _samples(workspace, recording, digest(recording))
         if not at_rest():
@@ -134,7 +134,7 @@ def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tup
     """
     from pido.store.content import digest
 
-    recording = _read(path, machine or workspace.settings.machine)
+    recording = _read(workspace, path, machine or workspace.settings.machine)
     _check(recording, workspace, path)
     name = digest(recording)
     samples, lost = _samples(workspace, recording, name)
@@ -200,12 +200,13 @@ def _marks(path: Path) -> list[tuple[str, int, int, int]]:
     return found
 
 
-def _read(path: Path, machine: str | None) -> Recording:
+def _read(workspace: Workspace, path: Path, machine: str | None) -> Recording:
     if path.is_symlink() or (path.is_dir() and any(p.is_symlink() for p in path.rglob("*"))):
         raise RecordingError(f"{path}: symbolic links are not followed; bring the files themselves.")
     if not (path.is_file() or path.is_dir()):
         raise RecordingError(f"{path}: no such file or folder.")
-    recording = read_recording(path, machine=machine)
+    fastest = None if machine is None else machine_of(workspace, machine).spindle_max_deg_s
+    recording = read_recording(path, machine=machine, spindle_max_deg_s=fastest)
     for note in recording.notes:
         log.info("%s: %s", path.name, note)
     return recording

@@ -284,10 +284,10 @@ def test_what_is_replaced_while_it_is_read_is_left_until_it_rests(tmp_path, monk
 
     real = parts._read
 
-    def read(path: Path, machine: str | None):
+    def read(workspace, path: Path, machine: str | None):
         bring(other)  # just then
         try:
-            return real(path, machine)
+            return real(workspace, path, machine)
         finally:
             if comes_back:
                 bring(mine)

@@ -55,6 +55,8 @@ def command(
 
     own = config.machine_config(machine, settings) if machine else None
     channels = own.channels() if own else {}
+    limits = own.build(machine) if own and machine else None
+    fastest = limits.spindle_max_deg_s if limits else None
     store = Store(root)
     failed = False
     for path in paths:
@@ -64,9 +66,10 @@ def command(
         broken = False
         notes: tuple[str, ...] = ()
         try:
-            recording = read_recording(path, machine=machine, channels=channels, rate_hz=rate_hz)
+            recording = read_recording(
+                path, machine=machine, channels=channels, rate_hz=rate_hz, spindle_max_deg_s=fastest
+            )
             notes = recording.notes
-            limits = own.build(machine) if own and machine else None
             faults = check(recording, limits, air_cut=not cutting)
             reason = "\n".join(str(f) for f in faults if f.severity == ERROR)
             if not reason:

@@ -60,7 +60,7 @@ class Executor(CycleCalls):
             elif g in known.SMOOTHING_G:
                 self.exact, self.smoothing = False, math.nan
             elif g in known.UNITS_G:
-                self.scale = known.UNITS_G[int(g)]
+                self.scale, self.feed_unit = known.UNITS_G[int(g)]
             elif g in (90, 91):
                 self.absolute = g == 90
             elif g in known.FEED_G:
@@ -121,7 +121,7 @@ class Executor(CycleCalls):
         if "M1" in b.at:
             b.m.append(float(b.take("M1")))
         if "F" in b.at and special != "dwell":
-            self.feed_word = float(b.take("F"))
+            self.feed_word, self.feed_scale = float(b.take("F")), self.feed_unit
         if "OVR" in b.at:
             self.override = float(b.take("OVR")) / 100.0
         for word in ("FRC", "FRCM", "RNDM"):

@@ -68,7 +68,8 @@ class State:
         self.motion: float | str = 0
         self.plane = 17
         self.absolute, self.scale, self.feed_mode = True, 1.0, 94
-        self.feed_word = 0.0  # as programmed: mm/min, mm/rev, 1/min
+        self.feed_word = 0.0  # as programmed: mm/min, mm/rev, 1/min, or in inch
+        self.feed_unit = self.feed_scale = 1.0  # mm per unit of F: of one that is programmed now, of the one that holds
         self.override = 1.0
         self.speed_word, self.direction, self.constant_speed = 0.0, 0.0, False
         self.exact, self.smoothing = True, math.nan
@@ -104,7 +105,7 @@ class State:
         self.plain = (
             self.motion in (0, 1)
             and self.feed_mode == 94
-            and self.scale == 1.0
+            and self.scale == self.feed_unit == self.feed_scale == 1.0
             and self.side in (0, 40)
             and not self.contour
             and self.modal_cycle is None
@@ -137,16 +138,16 @@ class State:
         if self.feed_mode == 95:
             if self.rpm == 0:
                 raise ValueError("feed per revolution (G95) with a spindle that stands still: program S and M3 or M4")
-            return self.override * self.feed_word * self.scale * abs(self.rpm) / 60.0
-        return self.override * self.feed_word * self.scale / 60.0
+            return self.override * self.feed_word * self.feed_scale * abs(self.rpm) / 60.0
+        return self.override * self.feed_word * self.feed_scale / 60.0
 
     def state(self) -> tuple[Any, ...]:
         """Everything that decides what the next block does, except variables: equal states repeat for ever."""
         return (
-            tuple(self.position), self.motion, self.plane, self.absolute, self.scale, self.feed_mode, self.feed_word,
-            self.rpm, self.exact, self.coolant, self.tool, self.preselected, self.offset_name, self.side,
-            self.modal_cycle, self.programmable.matrix.tobytes(), self.programmable.shift.tobytes(),
-            self.base.shift.tobytes(), self.override,
+            tuple(self.position), self.motion, self.plane, self.absolute, self.scale, self.feed_unit, self.feed_mode,
+            self.feed_word, self.feed_scale, self.rpm, self.exact, self.coolant, self.tool, self.preselected,
+            self.offset_name, self.side, self.modal_cycle, self.programmable.matrix.tobytes(),
+            self.programmable.shift.tobytes(), self.base.shift.tobytes(), self.override,
         )  # fmt: skip
 
     def _row(self, feed: float) -> Row:

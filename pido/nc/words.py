@@ -10,7 +10,12 @@ MOTION_G = frozenset({0, 1, 2, 3, 33, 63, 331, 332})
 ISO_CYCLES_G = frozenset({73, 81, 82, 83, 85, 86, 89})
 OFFSETS_G = frozenset({54, 55, 56, 57, 500, *range(505, 600)})
 SMOOTHING_G = frozenset({64, 641, 642, 643, 644, 645})
-UNITS_G = {20: 25.4, 70: 25.4, 700: 25.4, 21: 1.0, 71: 1.0, 710: 1.0}
+UNITS_G = {
+    **dict.fromkeys((20, 700), (25.4, 25.4)),
+    70: (25.4, 1.0),
+    **dict.fromkeys((21, 71, 710), (1.0, 1.0)),
+}
+"""mm per programmed unit, of lengths and of the F words that follow: feedrates are not influenced by G70 and G71."""
 FEED_G = frozenset({93, 94, 95})
 SPINDLE_G = frozenset({96, 97, 961, 962, 971, 972, 973})
 NEUTRAL_G = frozenset(

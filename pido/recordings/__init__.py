@@ -14,7 +14,7 @@ from pido.core.names import unusable
 from pido.core.recording import Recording
 from pido.recordings import emps, folder, hfdata, published, sinumerik, smart_mill
 from pido.recordings.derive import with_motion
-from pido.recordings.reader import Reader, head, reading
+from pido.recordings.reader import Reader, reading, saved_otherwise
 from pido.recordings.resample import resample
 
 READERS: tuple[Reader, ...] = (
@@ -50,22 +50,15 @@ def _recognised(path: Path) -> Reader:
         if reader.recognises(path):
             return reader
     known = "\n".join(f"  {reader.name}: {reader.layout}" for reader in READERS)
-    raise RecordingError(f"{path}: not a recording that is known here. {_saved_otherwise(path)}Known are:\n{known}")
+    raise RecordingError(f"{path}: not a recording that is known here. {_way_out(path)}Known are:\n{known}")
 
 
-def _saved_otherwise(path: Path) -> str:
+def _way_out(path: Path) -> str:
     """What to do with a folder of recordings, or where a program on the way has saved a table in its own manner."""
     if path.is_dir():
         held = sum(any(reader.recognises(each) for reader in READERS) for each in path.iterdir())
         return f"The folder holds recordings, {held} of them: give each, as in '{path}/*'. " if held else ""
-    start = head(path, 65536)
-    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "Its text is UTF-16: save it as UTF-8. "
-    first = start.split(b"\n", 1)[0]
-    for between, name in ((b";", "';'"), (b"\t", "tabs")):
-        if start.isascii() and first.count(between) > 2:
-            return f"{name} stand between its columns: export it with ',' between columns and '.' in numbers. "
-    return ""
+    return saved_otherwise(path)
 
 
 def read_recording(
@@ -74,12 +67,14 @@ def read_recording(
     machine: str | None = None,
     channels: Mapping[str, str] | None = None,
     rate_hz: float | None = None,
+    spindle_max_deg_s: float | None = None,
 ) -> Recording:
     """One part's recording.
 
     machine : identifier for recordings that do not name theirs
     channels : axis of the contract -> axis name in the control's header, e.g. {"sp": "S1"}; defaults in `signals`
     rate_hz : resample to this lower rate (anti-aliased); None keeps every sample
+    spindle_max_deg_s : highest speed of the machine's spindle, where it is known (`derive.with_motion`)
 
     Velocities and accelerations that were not recorded are derived (`derive.with_motion`), and a note says so.
     Raises RecordingError (damaged, incomplete), SettingsError (part.json), or UnavailableError: what the operating
@@ -91,5 +86,5 @@ def read_recording(
     for what, name in (("part", recording.part.part), ("machine", recording.part.machine)):
         if fault := unusable(name):
             raise RecordingError(f"{path}: the name of its {what} {fault}. Give it another one.")
-    recording = with_motion(recording)
+    recording = with_motion(recording, spindle_max_deg_s)
     return recording if rate_hz is None else resample(recording, rate_hz)

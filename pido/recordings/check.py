@@ -22,7 +22,7 @@ from pido.core.recording import Recording, usual_step
 from pido.core.wild import wild_samples
 from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
 from pido.recordings.reader import UNKNOWN
-from pido.recordings.segments import GAP, counter_resets, starts, stretches, unwrap_deg
+from pido.recordings.segments import GAP, counter_resets, is_angle, starts, stretches, unwrap_deg
 from pido.recordings.units import unit_slips
 
 Check = Callable[[Recording, Machine | None], list[Fault]]
@@ -37,6 +37,10 @@ V_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 5_000.0), "sp": 600_000.0}  # mm/s; d
 A_POSSIBLE = {**dict.fromkeys(LINEAR_AXES, 100_000.0), "sp": 1_000_000.0}  # mm/s² (10 g); deg/s²: of any mill
 
 
+_BY_MOTION = {"shuffled", "position_jump", "impossible_speed", "impossible_acceleration"}
+"""Kinds that compare motion with time and with what is possible: where a unit slipped, they say nothing more."""
+
+
 def check(recording: Recording, machine: Machine | None = None, *, air_cut: bool = True) -> tuple[Fault, ...]:
     """Every fault of the recording, errors first.
 
@@ -48,6 +52,8 @@ def check(recording: Recording, machine: Machine | None = None, *, air_cut: bool
     if _has_time_base(recording.time):
         for one in CHECKS:
             faults.extend(one(recording, machine))
+        if any(f.kind == "unit_slip" and {TIME, *MOTION} & set(f.column.split(", ")) for f in faults):
+            faults = [f for f in faults if f.kind not in _BY_MOTION]
         if not air_cut:
             faults.extend(_engagement(recording))
     return tuple(sorted(faults, key=lambda f: f.severity != ERROR))
@@ -93,15 +99,15 @@ def _columns(recording: Recording) -> list[Fault]:
     for axis in present:
         for column in _axis_columns(axis):
             if column not in recording and column != POSITION["sp"]:
-                faults.append(
-                    whole(
-                        "missing_column",
-                        column,
-                        f"axis {axis} was recorded without it.",
-                        f"Export the recording again with {column} in {UNITS[column]}, or without the axis.",
-                        ERROR,
-                    )
+                what = f"axis {axis} was recorded without it" + (
+                    ", and pos_sp, an angle within one turn, does not tell it: the turns between samples are not known."
+                    if column in (VELOCITY["sp"], ACCELERATION["sp"])
+                    and POSITION["sp"] in recording
+                    and is_angle(recording[POSITION["sp"]])
+                    else "."
                 )
+                advice = f"Export the recording again with {column} in {UNITS[column]}, or without the axis."
+                faults.append(whole("missing_column", column, what, advice, ERROR))
     for name in recording.columns:
         if name not in UNITS:
             near = difflib.get_close_matches(name, UNITS, 1)
@@ -352,7 +358,10 @@ def _spikes(recording: Recording, axis: str) -> Bool1D:
 
 
 def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
-    """Currents with a flat top: the extreme value comes in runs, while its neighbourhood is hardly ever reached."""
+    """Currents with a flat top: the extreme value comes in runs, while its neighbourhood is hardly ever reached.
+
+    One that is far from everything else was not measured at all: a program wrote it where it had no value.
+    """
     faults = []
     for axis in AXES:
         if CURRENT[axis] not in recording:
@@ -361,7 +370,7 @@ def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
         known = current[np.isfinite(current)]
         if len(known) < SHORTEST or np.ptp(known) == 0:
             continue
-        flat = np.zeros(len(current), bool)
+        flat, held = np.zeros((2, len(current)), bool)
         for extreme in (known.max(), known.min()):
             top = current == extreme
             near = current[(np.abs(current - extreme) <= 0.05 * np.ptp(known)) & ~top]
@@ -369,7 +378,16 @@ def _clipped(recording: Recording, machine: Machine | None) -> list[Fault]:
             runs = _run_length(top) >= 3
             # A coarse scale repeats every value; a flat top repeats one. Zero is a drive at rest, not a limit.
             if extreme != 0 and runs.sum() >= 6 and top.sum() > 5 * beside:
-                flat |= top
+                # A current that is cut off comes from just below its limit: it is not ten ranges away from all others.
+                rest = known[known != extreme]
+                far = np.abs(extreme - rest).min() > 10.0 * np.ptp(rest)
+                (held if far else flat)[top] = True
+        if held.any():
+            value = current[held][0]
+            what = f"'{CURRENT[axis]}' is {value:.6g} in {int(held.sum())} samples, far from all others."
+            advice = "It looks like a placeholder for what was not measured; leave such cells empty. They are left out."
+            severity = ERROR if held.mean() > 0.5 else WARNING
+            faults.append(at("placeholder", CURRENT[axis], held, recording.time, what, advice, severity, mask=True))
         if flat.any():
             share = flat.mean()
             what = f"'{CURRENT[axis]}' stops at {np.nanmax(np.abs(current[flat])):.4g} A, a flat top."

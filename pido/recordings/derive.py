@@ -20,7 +20,10 @@ from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
 from pido.core.columns import ACCELERATION, POSITION, VELOCITY
 from pido.core.recording import Recording
-from pido.recordings.segments import counter_resets, starts, stretches, unwrap_deg
+from pido.recordings.segments import SPINDLE_USUAL, counter_resets, starts, stretches, turns_known, unwrap_deg
+
+DERIVED = "derived by central differences: "
+"""Begins the note that lists the columns."""
 
 
 def derivative(values: Float1D, time: Float1D, begin: Bool1D) -> Float1D:
@@ -46,8 +49,12 @@ def second_derivative(values: Float1D, time: Float1D, begin: Bool1D) -> Float1D:
     return out
 
 
-def with_motion(recording: Recording) -> Recording:
-    """The recording with every velocity and acceleration that its positions allow; recorded ones stay."""
+def with_motion(recording: Recording, spindle_max_deg_s: float | None = None) -> Recording:
+    """The recording with every velocity and acceleration that its positions allow; recorded ones stay.
+
+    spindle_max_deg_s : the machine's, where known: it decides whether an angle of the spindle that restarts at every
+        turn gives its speed (`segments.turns_known`). Where it does not, none is derived, and a note says so.
+    """
     time = recording.time
     new: dict[str, Float1D] = {}
     notes: list[str] = []
@@ -55,6 +62,9 @@ def with_motion(recording: Recording) -> Recording:
     for axis in AXES:
         v, a, p = VELOCITY[axis], ACCELERATION[axis], POSITION[axis]
         if p in recording and (v not in recording or a not in recording):
+            if axis == "sp" and v not in recording and not turns_known(recording[p], time, spindle_max_deg_s):
+                notes.append(_turns_unknown(recording, spindle_max_deg_s))
+                continue
             position = unwrap_deg(recording[p]) if axis == "sp" else recording[p]
             begin = gaps | counter_resets(position, time) if axis == "sp" else gaps
             if v not in recording:
@@ -68,5 +78,22 @@ def with_motion(recording: Recording) -> Recording:
         if a not in recording and a not in new and v in recording:
             new[a] = derivative(recording[v], time, gaps)
     if new:
-        notes.insert(0, f"derived by central differences: {', '.join(new)}")
-    return Recording(recording.part, {**recording.columns, **new}, (*recording.notes, *notes)) if new else recording
+        notes.insert(0, f"{DERIVED}{', '.join(new)}")
+    return Recording(recording.part, {**recording.columns, **new}, (*recording.notes, *notes)) if notes else recording
+
+
+def derived(recording: Recording) -> frozenset[str]:
+    """The columns that `with_motion` derived: no evidence about those from which they come."""
+    return frozenset(
+        name for note in recording.notes if note.startswith(DERIVED) for name in note.removeprefix(DERIVED).split(", ")
+    )
+
+
+def _turns_unknown(recording: Recording, spindle_max_deg_s: float | None) -> str:
+    rpm = (spindle_max_deg_s or SPINDLE_USUAL) / 6.0
+    whose = "a spindle of" if spindle_max_deg_s is None else "this machine's spindle of"
+    return (
+        f"v_sp and a_sp are not derived: pos_sp is an angle within one turn, and between samples at "
+        f"{recording.sample_rate_hz:.4g} Hz {whose} {rpm:.6g} 1/min makes half a turn or more, so that a fast turn "
+        "looks like a slow one. Record v_sp, or a position that counts turns"
+    )

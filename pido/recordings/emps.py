@@ -16,7 +16,7 @@ from scipy.io import loadmat, whosmat
 from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.recordings.reader import Reader, head
+from pido.recordings.reader import Reader, head, of_machine
 
 _NEEDED = ("qm", "vir", "gtau", "t")
 _UNREADABLE = (ValueError, TypeError, OSError, NotImplementedError, KeyError)  # what scipy raises on damaged files
@@ -38,10 +38,11 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
         raise RecordingError(f"{path}: {', '.join(missing)} missing; an EMPS recording has {', '.join(_NEEDED)}.")
     qm, vir, t = (np.asarray(content[name], float).ravel() for name in ("qm", "vir", "t"))
     gain = float(np.asarray(content["gtau"]).ravel()[0])
+    machine, assumed = of_machine(machine, "emps", "as published")
     return Recording(
-        part=PartInfo(part=path.stem, machine=machine or "emps"),
+        part=PartInfo(part=path.stem, machine=machine),
         columns={"time": t - t[0], "pos_x": qm * 1000.0, "curr_x": vir * gain},
-        notes=(f"curr_x is the drive force, voltage x {gain:g} N/V, in N and not in A",),
+        notes=(*assumed, f"curr_x is the drive force, voltage x {gain:g} N/V, in N and not in A"),
     )
 
 

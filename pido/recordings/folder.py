@@ -25,7 +25,7 @@ from pido.core.errors import RecordingError, SettingsError
 from pido.core.files import replacing, write_atomically
 from pido.core.part import GIVEN, PartInfo
 from pido.core.recording import Recording
-from pido.recordings.reader import UNKNOWN, Reader, contract_names, head
+from pido.recordings.reader import UNKNOWN, Reader, contract_names, head, of_machine
 
 DATA, ABOUT = "recording.parquet", "part.json"
 
@@ -53,14 +53,17 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
             raise RecordingError(f"{file}: is no file, but a folder or device. Put the file of this name in its place.")
     if not data.exists():
         raise RecordingError(f"{path}: has {ABOUT} but no {DATA}. Copy the whole folder.")
+    notes: tuple[str, ...] = ()
     if about.exists():
         part = read_part(about)
     elif path.is_dir():
         raise SettingsError(f"{path}: has no {ABOUT}. Write one with at least 'part' and 'machine'.")
     else:
-        part = PartInfo(part=data.stem, machine=machine or "unknown")
+        machine, notes = of_machine(machine, "unknown", "having no part.json")
+        part = PartInfo(part=data.stem, machine=machine)
     columns, unknown = read_columns(data)
-    notes = (f"{UNKNOWN}{', '.join(unknown)}",) if unknown else ()
+    if unknown:
+        notes = (*notes, f"{UNKNOWN}{', '.join(unknown)}")
     return Recording(part=part, columns=columns, notes=notes)
 
 

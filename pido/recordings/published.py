@@ -17,7 +17,7 @@ from pido.core.columns import ACCELERATION, CURRENT, OPTIONAL, POSITION, PROCESS
 from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.recordings.reader import UNKNOWN, Reader, contract_names, csv_header
+from pido.recordings.reader import UNKNOWN, Reader, contract_names, csv_header, of_machine
 from pido.recordings.tables import read_csv
 
 RATE_HZ = 50.0
@@ -44,7 +44,8 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
     text = [name for name in known if named[name] == "tool_id"]
     table = read_csv(path, [name for name in known if name not in text], text, unknown)
     columns = {named[name]: values for name, values in table.items()}
-    notes: list[str] = []
+    machine, assumed = of_machine(machine, "dmc60h", "that of the published files")
+    notes = list(assumed)
     if TIME not in columns:
         if clock := [name for name in unknown if _may_be_time(name)]:
             raise RecordingError(
@@ -61,7 +62,7 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
     simulated = [c for c in (*PROCESS, *OPTIONAL) if c in columns]
     if simulated:
         notes.append(f"simulated or optional columns in the file: {', '.join(simulated)}")
-    return Recording(part=PartInfo(part=path.stem, machine=machine or "dmc60h"), columns=columns, notes=tuple(notes))
+    return Recording(part=PartInfo(part=path.stem, machine=machine), columns=columns, notes=tuple(notes))
 
 
 def _may_be_time(name: str) -> bool:

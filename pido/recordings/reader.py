@@ -54,7 +54,31 @@ def head(path: Path, size: int = 4096) -> bytes:
 def csv_header(path: Path) -> list[str]:
     """Column names in the first line of a CSV file."""
     lines = head(path, 65536).splitlines() or [b""]
-    return [name.strip() for name in next(csv.reader([lines[0].decode("utf-8-sig", "replace")]), [])]
+    rows = csv.reader([lines[0].decode("utf-8-sig", "replace")], skipinitialspace=True)
+    return [name.strip() for name in next(rows, [])]
+
+
+def saved_otherwise(path: Path) -> str:
+    """What to do where a program on the way has saved a table in its own manner; '' where it has not."""
+    start = head(path, 65536)
+    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "Its text is UTF-16: save it as UTF-8. "
+    first = start.split(b"\n", 1)[0]
+    for between, name in ((b";", "';'"), (b"\t", "tabs")):
+        if start.isascii() and first.count(between) > 2:
+            return f"{name} stand between its columns: export it with ',' between columns and '.' in numbers. "
+    return ""
+
+
+def of_machine(named: str | None, usual: str, why: str) -> tuple[str, tuple[str, ...]]:
+    """(machine of a recording that does not say it, notes): the one that was named, or the `usual` one, with a note.
+
+    >>> of_machine(None, "emps", "as published")[1]
+    ("the recording does not name its machine: 'emps' is assumed, as published; --machine names another",)
+    """
+    if named:
+        return named, ()
+    return usual, (f"the recording does not name its machine: {usual!r} is assumed, {why}; --machine names another",)
 
 
 def contract_names(names: Sequence[str], path: Path) -> list[str]:

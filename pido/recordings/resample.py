@@ -16,7 +16,7 @@ from pido.core.arrays import Bool1D, Float1D, Int1D
 from pido.core.columns import TIME
 from pido.core.errors import RecordingError
 from pido.core.recording import Recording
-from pido.recordings.segments import counter_resets, starts, stretches, unwrap_deg
+from pido.recordings.segments import counter_resets, starts, stretches, turns_known, unwrap_deg
 
 HELD = ("nc_line", "tool_id", "coolant")
 """Columns that are states: the nearest sample's is taken."""
@@ -76,8 +76,13 @@ def _low_pass(source_hz: float, rate_hz: float) -> Float1D:
 def _filtered(
     name: str, values: Float1D, time: Float1D, begin: Bool1D, new_time: Float1D, nearest: Int1D, taps: Float1D
 ) -> Float1D:
-    """One column at the new times; a new sample whose nearest old one is missing is missing."""
+    """One column at the new times; a new sample whose nearest old one is missing is missing.
+
+    An angle of the spindle whose turns are not known is the nearest sample's: what lies between is not known either.
+    """
     if name == "pos_sp":
+        if not turns_known(values, time):
+            return values[nearest]
         values = unwrap_deg(values)
         begin = begin | counter_resets(values, time)
     out = np.full(len(new_time), np.nan)

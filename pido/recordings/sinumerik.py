@@ -29,7 +29,7 @@ from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings.numbers import table
-from pido.recordings.reader import Reader, head
+from pido.recordings.reader import Reader, head, of_machine
 from pido.recordings.signals import block_index, hold, hold_names, wanted_signals
 
 _USED = {"HFData", "HFBlockEvent", "HFTimestamp"}
@@ -108,8 +108,9 @@ def _recording(
     found = [f"payload key '{key}' is not known and was left out ({n} times)" for key, n in unknown.items()]
     if repeated:
         found.append(f"{repeated} HFData rows came twice and were taken once")
-    part = PartInfo(part=path.stem, machine=machine or _machine(header, path), start_time_s=start_s)
-    return Recording(part=part, columns=data, notes=(*notes, *clock_notes, *found))
+    machine, assumed = of_machine(machine or _machine(header, path), "sinumerik", "having no MachineName")
+    part = PartInfo(part=path.stem, machine=machine, start_time_s=start_s)
+    return Recording(part=part, columns=data, notes=(*assumed, *notes, *clock_notes, *found))
 
 
 def _front(file: BinaryIO) -> tuple[dict[str, Any], bytes] | None:
@@ -318,14 +319,14 @@ def _program(events: list[dict[str, Any]], counter: Float1D, path: Path) -> dict
     return columns
 
 
-def _machine(header: Mapping[str, Any], path: Path) -> str:
+def _machine(header: Mapping[str, Any], path: Path) -> str | None:
     info = header.get("MachineInfo") or {}
     if not isinstance(info, dict):
         raise RecordingError(
             f"{path}: MachineInfo in the header is {_shown(info)}, no object with MachineName. Name the machine of the "
             "recording (--machine), or export it again."
         )
-    return str(info.get("MachineName") or "sinumerik")
+    return str(name) if (name := info.get("MachineName")) else None
 
 
 READER = Reader(

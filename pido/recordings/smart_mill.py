@@ -20,7 +20,7 @@ from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings.packets import Track, in_order
-from pido.recordings.reader import Reader, csv_header
+from pido.recordings.reader import Reader, csv_header, of_machine
 from pido.recordings.tables import read_csv
 
 RATE_HZ = 10.0
@@ -56,12 +56,14 @@ def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recor
         columns["nc_line"] = table[_LINE][order]
     # Where the order is not known, nothing may be differenced: a step in time says so to everything downstream.
     columns["time"] = columns["time"] + np.cumsum(border) * 1.0
+    machine, assumed = of_machine(machine, "smart_mill", "that of the published experiments")
     notes = (
+        *assumed,
         "time is nominal, rows 0.1 s apart; positions are rounded to three digits",
         "currents are in the control's own units",
         *notes,
     )
-    return Recording(part=PartInfo(part=path.stem, machine=machine or "smart_mill"), columns=columns, notes=notes)
+    return Recording(part=PartInfo(part=path.stem, machine=machine), columns=columns, notes=notes)
 
 
 READER = Reader(

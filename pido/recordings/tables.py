@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as compute
 import pyarrow.csv as pc
 
 from pido.core.arrays import Array1D
 from pido.core.errors import RecordingError
+from pido.recordings.reader import csv_header
 
 _BLOCK = 1 << 21
 """Bytes parsed at once by one thread; pyarrow's own 1 MiB makes more chunks, and so more to join, than needed."""
@@ -26,6 +28,7 @@ def read_csv(
 ) -> dict[str, Array1D]:
     """`columns` as float64 (n,), `text` as objects, and those of `others` that hold numbers throughout.
 
+    An empty cell is NaN, or None in a text.
     Raises RecordingError naming line or column of the first fault.
     """
     columns, text, others = list(columns), list(text), list(others)
@@ -33,11 +36,12 @@ def read_csv(
     try:
         table = pc.read_csv(
             path,
-            read_options=pc.ReadOptions(block_size=_BLOCK),
+            read_options=pc.ReadOptions(block_size=_BLOCK, column_names=csv_header(path), skip_rows=1),
             convert_options=pc.ConvertOptions(
                 include_columns=columns + text + others,
                 column_types=types,
                 null_values=_MISSING,
+                strings_can_be_null=True,
             ),
         )
     except (pa.ArrowInvalid, pa.ArrowKeyError) as error:
@@ -46,8 +50,13 @@ def read_csv(
     if table.num_rows == 0:
         raise RecordingError(f"{path}: the file has column names but no rows. Export the recording again.")
     kept = [name for name in others if _is_number(table.schema.field(name).type)]
-    return {name: _owned(table.column(name).to_numpy()) for name in columns + text} | {
-        name: _owned(table.column(name).cast(pa.float64(), safe=False).to_numpy()) for name in kept
+    return {
+        name: _owned(
+            compute.call_function("utf8_trim_whitespace", [table.column(name)]).to_numpy()
+            if name in text
+            else table.column(name).cast(pa.float64(), safe=False).to_numpy()
+        )
+        for name in columns + text + kept
     }
 
 
@@ -60,7 +69,10 @@ def _no_numbers(path: Path, columns: list[str]) -> list[str]:
     import pandas as pd
 
     try:
-        table = pd.read_csv(path, usecols=columns, dtype=str, keep_default_na=False, skip_blank_lines=False)
+        header = csv_header(path)
+        at = sorted(map(header.index, columns))
+        table = pd.read_csv(path, usecols=at, dtype=str, keep_default_na=False, skip_blank_lines=False)
+        table.columns = [header[i] for i in at]
     except ValueError:  # not a table at all: pyarrow's own words say more
         return []
     said = []

@@ -82,10 +82,27 @@ def test_incremental_and_absolute_words_mix_in_one_block():
     assert end(run("G0 X10 Y10", "G91", "G1 X5 Y=AC(1) F100", "G90 X=IC(-3)")) == pytest.approx([12, 1, 0])
 
 
-def test_inch_programs_are_converted_and_so_is_their_feed():
-    path = run("G70", "G1 X1 F10")
+@pytest.mark.parametrize(
+    ("blocks", "feed"),
+    [
+        (("G70", "G1 X1 F600"), 10.0),  # 840D sl: feedrates are not influenced by G70 and G71
+        (("F600", "G70", "G1 X1"), 10.0),
+        (("G1 F600 G70", "X1"), 10.0),
+        (("G95 S60 M3", "G70 G1 X1 F0.1"), 0.1),
+        (("G700", "G1 X1 F10"), 254 / 60),  # they are by G700, and by G20 of ISO
+        (("G20 G1 X1 F10",), 254 / 60),
+        (("G95 S60 M3", "G700 G1 X1 F0.1"), 2.54),
+        (("G710 F600", "G700", "G1 X1"), 10.0),  # F counts in what held when it was programmed
+        (("G700 F10", "G70", "G1 X1"), 254 / 60),
+        (("G700 F10", "G71", "G1 X25.4"), 254 / 60),
+        (("G700 F10", "G71", "G1 X25.4 F600"), 10.0),
+        (("G93 G700 G1 X1 F2",), 2 * 25.4 / 60),
+    ],
+)
+def test_every_inch_command_converts_lengths_and_only_g700_and_g20_the_feed_that_follows(blocks, feed):
+    path = run(*blocks)
     assert end(path)[0] == pytest.approx(25.4)
-    assert path.feed[0] == pytest.approx(254 / 60)
+    assert path.feed[-1] == pytest.approx(feed)
 
 
 def test_feed_per_revolution_and_inverse_time_and_cutting_speed_become_mm_per_second():

@@ -9,6 +9,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.recordings import read_recording
 from pido.recordings.check import blanked, check, usable_mask
+from pido.recordings.derive import with_motion
 from pido.recordings.resample import resample
 
 N, RATE = 3000, 50.0
@@ -76,6 +77,68 @@ def test_a_unit_slip_is_named_with_its_column_and_unit(column, factor, unit):
     assert slips[0].severity == "error"
 
 
+POSITIONS, SPEEDS, CHANGES = ([f"{p}_{a}" for a in "xyz"] for p in ("pos", "v", "a"))
+
+
+def _scaled(*factors, without=()):
+    """The good recording with some columns times a factor; `without`: columns that were not recorded."""
+    good = _good()
+    columns = {name: values for name, values in good.columns.items() if name not in without}
+    for names, factor in factors:
+        columns |= {name: columns[name] * factor for name in names}
+    return with_motion(Recording(good.part, columns))
+
+
+@pytest.mark.parametrize(
+    ("factors", "told"),
+    [
+        ([(["time"], 1 / 60)], {"time": "minutes"}),
+        ([(["time"], 1 / 3600)], {"time": "hours"}),
+        ([(["time"], 50.0)], {"time": "a step of 1 becomes 0.02 s"}),  # the number of the row
+        ([(["time"], 0.1)], {"time": "a step of 0.002 becomes 0.02 s"}),
+        ([(["time"], 1.25)], {"time": "1.25 times as fast"}),
+        ([(POSITIONS, 1e-3)], {"pos_x, pos_y, pos_z": "like m;"}),
+        ([(POSITIONS, 1 / 25.4)], {"pos_x, pos_y, pos_z": "inch"}),
+        ([(POSITIONS, 1e3)], {"pos_x, pos_y, pos_z": "µm"}),
+        ([(POSITIONS, 1e4)], {"pos_x, pos_y, pos_z": "No unit is that factor"}),  # counts
+        ([(SPEEDS, 60.0)], {"v_x, v_y, v_z": "mm/min"}),
+        ([(CHANGES, 1e-3)], {"a_x, a_y, a_z": "m/s²"}),
+        ([(SPEEDS, 1e-3), (CHANGES, 1e-3)], {"v_x, v_y, v_z": "m/s", "a_x, a_y, a_z": "m/s²"}),
+        ([(SPEEDS, 60.0), (CHANGES, 3600.0)], {"v_x, v_y, v_z": "mm/min", "a_x, a_y, a_z": "mm/min²"}),
+        ([(["v_sp", "a_sp"], np.pi / 180)], {"v_sp": "rad/s", "a_sp": "rad/s²"}),
+        ([(["pos_sp"], np.pi / 180)], {"pos_sp": "rad"}),
+        ([(["time"], 1e3), (["v_sp"], 1 / 6)], {"time": "ms", "v_sp": "1/min"}),
+        ([(["pos_x"], 1e-3), (["v_y"], 60.0)], {"pos_x": "like m;", "v_y": "mm/min"}),
+    ],
+)
+def test_what_explains_all_ratios_with_the_fewest_slips_is_named_and_nothing_else(factors, told):
+    faults = check(_scaled(*factors))
+    assert {f.kind for f in faults} == {"unit_slip"}
+    said = {f.column: f"{f.what} {f.advice}" for f in faults}
+    assert said.keys() == told.keys()
+    assert all(unit in said[column] for column, unit in told.items())
+
+
+def test_an_angle_of_the_spindle_and_derived_accelerations_are_no_evidence():
+    angle = _good().with_columns(pos_sp=_good()["pos_sp"] % 360, v_sp=_good()["v_sp"] / 6)
+    assert [(f.column, "1/min" in f.advice) for f in check(angle) if f.kind == "unit_slip"] == [("v_sp", True)]
+    slipped = check(_scaled((["time"], 50.0), without=(*CHANGES, "a_sp")))
+    assert [f.column for f in slipped if f.kind == "unit_slip"] == ["time"]
+
+
+def test_explanations_as_good_as_one_another_are_all_named():
+    """Without accelerations and spindle: positions in m, or time in ms; either is a mill at 1 Hz or 1 kHz."""
+    spindle = [name for name in _good().columns if name.endswith("_sp")]
+    slow = _scaled((["time"], 50.0), without=(*CHANGES, *spindle))  # 1 Hz and right
+    slow = slow.with_columns(**{v: slow[v] / 50 for v in SPEEDS})
+    found = _scaled((POSITIONS, 1e-3), without=(*CHANGES, *spindle))
+    found = Recording(found.part, {**slow.columns, **{p: found[p] for p in POSITIONS}}, found.notes)
+    (fault,) = (f for f in check(found) if f.kind == "unit_slip")
+    assert set(fault.column.split(", ")) >= {"time", "pos_x", "pos_y", "pos_z"}
+    assert "'pos_x', 'pos_y', 'pos_z' in m" in fault.what
+    assert "'time' in ms" in fault.what
+
+
 def test_currents_in_milliampere_are_beyond_the_drive():
     table = config.machine_config("dmc60h")
     x = table.x.model_copy(update={"current_max_a": 20.0})
@@ -110,6 +173,16 @@ def test_damage_is_found_where_it_was_done_and_its_samples_are_left_out(column, 
     assert wrong.sum() <= 0.02 * damaged.sum() + 1
     assert not (usable_mask(recording, faults) & found[0].mask).any()
     assert usable_mask(recording, faults)[~damaged].mean() > 0.99
+
+
+@pytest.mark.parametrize("value", [-9999.0, 99999.0, 6553.5])
+def test_a_placeholder_is_no_measuring_range_that_was_exceeded(value):
+    faults = check(_spoiled("curr_x", lambda c: c * 0 + value, slice(500, 541)))
+    assert "clipped" not in {f.kind for f in faults}
+    (fault,) = (f for f in faults if f.kind == "placeholder")
+    assert (fault.column, fault.severity, fault.rows) == ("curr_x", "warning", 41)
+    assert np.flatnonzero(fault.mask).tolist() == list(range(500, 541))
+    assert f"is {value:g} in 41 samples" in fault.what
 
 
 def test_a_dead_channel_is_named():

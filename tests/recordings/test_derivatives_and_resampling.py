@@ -53,6 +53,41 @@ def test_spindle_speed_is_right_where_its_position_starts_again(kind):
     np.testing.assert_allclose(with_motion(_recording(t, pos_sp=position))["v_sp"], 3600.0, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("rate", "rpm", "fastest"),
+    [
+        (50.0, 3000.0, None),  # one turn per sample: the angle stands still
+        (50.0, 1600.0, None),
+        (50.0, 100.0, None),  # true, but 3100 1/min look the same
+        (500.0, 6000.0, 144_000.0),  # a machine of 24 000 1/min
+        (500.0, 18_000.0, None),  # the run-up goes through half a turn per sample
+    ],
+)
+def test_no_speed_is_derived_from_an_angle_whose_turns_between_samples_are_not_known(rate, rpm, fastest):
+    t = np.arange(int(8 * rate)) / rate
+    turned = 6 * rpm * np.where(t < 2, t**2 / 4, t - 1)  # up in two seconds
+    recording = _recording(t, pos_sp=turned % 360, pos_x=t)
+    found = with_motion(recording, fastest)
+    assert {"v_x", "a_x"} <= found.columns.keys()
+    assert not {"v_sp", "a_sp"} & found.columns.keys()
+    assert [n for n in found.notes if n.startswith("v_sp and a_sp are not derived: pos_sp is an angle")]
+    recorded = with_motion(recording.with_columns(v_sp=np.full(len(t), 6 * rpm)), fastest)
+    np.testing.assert_allclose(recorded["a_sp"], 0.0, atol=1e-6)  # a speed that was recorded needs no turns
+
+
+def test_the_slowest_machine_makes_its_turns_known_at_any_rate():
+    t = np.arange(2000) / 50
+    found = with_motion(_recording(t, pos_sp=(3600.0 * t) % 360), spindle_max_deg_s=8000.0)
+    np.testing.assert_allclose(found["v_sp"], 3600.0, rtol=1e-6)
+
+
+def test_an_angle_whose_turns_are_not_known_is_resampled_to_what_it_was_at_the_nearest_sample():
+    t = np.arange(1000) / 100
+    angle = (10_000.0 * t) % 360
+    low = to_50_hz(_recording(t, pos_sp=angle, v_sp=np.full(1000, 10_000.0)))
+    np.testing.assert_allclose(low["pos_sp"], angle[::2])
+
+
 @pytest.mark.parametrize(("source", "target"), [(500.0, 50.0), (1000.0, 50.0), (500.0, 60.0), (130.0, 50.0)])
 def test_resampling_keeps_slow_signals_in_phase_and_removes_fast_ones(source, target):
     t = np.arange(int(8 * source)) / source

@@ -13,7 +13,7 @@ from pido.recordings.check import check
 N = 200
 
 
-def _trial(root, *, encoders=True, header=True, events=True, spindle="S1"):
+def _trial(root, *, encoders=True, header=True, events=True, spindle="S1", tools=None):
     folder = root / "IMP-01" / "processed_data"
     folder.mkdir(parents=True)
     k = np.arange(N)
@@ -32,9 +32,9 @@ def _trial(root, *, encoders=True, header=True, events=True, spindle="S1"):
             folder / "IMP-01_header.csv", index=False
         )
     if events:
-        pd.DataFrame(
-            {"HFProbeCounter": [7100, 7000, 7150], "GCode": ["N2 G1 X1", "N1 G0", "N1 G0"], "Unused": 1}
-        ).to_csv(folder / "IMP-01_hfblockevent.csv", index=False)
+        blocks = {"HFProbeCounter": [7100, 7000, 7150], "GCode": ["N2 G1 X1", "N1 G0", "N1 G0"], "Unused": 1}
+        named = {} if tools is None else {"ActiveTool": tools}
+        pd.DataFrame({**blocks, **named}).to_csv(folder / "IMP-01_hfblockevent.csv", index=False)
     return root / "IMP-01"
 
 
@@ -55,6 +55,52 @@ def test_a_trial_without_encoders_takes_commanded_positions_and_says_so(tmp_path
     recording = read_recording(_trial(tmp_path, encoders=False))
     np.testing.assert_allclose(recording["pos_x"], 1 + 0.01 * np.arange(N))
     assert any("pos_x is DES_POS" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("tools", "held"),
+    [
+        ([2, 1, None], [1.0] * 100 + [2.0] * 100),  # an event without a tool says nothing about it
+        (["FR_10", "T1", 7], ["T1"] * 100 + ["FR_10"] * 50 + ["7"] * 50),
+        ([None, None, "T1"], [None] * 150 + ["T1"] * 50),
+    ],
+)
+def test_the_tool_of_a_trial_is_a_number_or_a_name(tmp_path, tools, held):
+    assert read_recording(_trial(tmp_path, tools=tools))["tool_id"].tolist() == held
+
+
+def test_a_trial_whose_first_counter_is_empty_has_a_time_base_and_says_which_row_is_missing(tmp_path):
+    folder = _trial(tmp_path)
+    file = folder / "processed_data" / "IMP-01_hfdata.csv"
+    file.write_text(file.read_text().replace("\n7000,", "\n,", 1))
+    recording = read_recording(folder)
+    np.testing.assert_allclose(recording.time[1:], np.arange(N - 1) * 0.002, atol=1e-12)
+    assert [(f.kind, f.rows) for f in check(recording) if f.severity == "error"][:1] == [("time_missing", 1)]
+    file.write_text(re.sub(r"\n7\d+,", "\n,", file.read_text()))
+    with pytest.raises(RecordingError, match=r"hfdata\.csv: 'CYCLE' is empty"):
+        read_recording(folder)
+
+
+def test_a_trial_that_a_spreadsheet_saved_with_semicolons_is_told_how_to_export_it(tmp_path):
+    folder = _trial(tmp_path)
+    for file in (folder / "processed_data").iterdir():
+        file.write_text(file.read_text().replace(",", ";"))
+    with pytest.raises(RecordingError, match=r"'CYCLE' is missing\. ';' stand between its columns: export it"):
+        read_recording(folder)
+
+
+def test_a_machine_that_the_recording_does_not_name_is_assumed_in_words(tmp_path):
+    _csv(tmp_path / "a.csv", time=np.arange(60) / 250)
+    pd.read_csv(tmp_path / "a.csv").to_parquet(tmp_path / "b.parquet")
+    for path, usual in (
+        (tmp_path / "a.csv", "dmc60h"),
+        (_trial(tmp_path), "cmx600v"),
+        (tmp_path / "b.parquet", "unknown"),
+    ):
+        assumed, named = read_recording(path), read_recording(path, machine="mine")
+        assert (assumed.part.machine, named.part.machine) == (usual, "mine")
+        assert [n for n in assumed.notes if "does not name its machine" in n and repr(usual) in n and "--machine" in n]
+        assert not [n for n in named.notes if "does not name its machine" in n]
 
 
 def test_a_cell_that_is_no_number_is_one_clear_error(tmp_path):
@@ -129,6 +175,19 @@ def test_names_that_are_not_utf_8_are_told_how_to_be_saved(tmp_path):
     (tmp_path / "a.csv").write_bytes((tmp_path / "a.csv").read_text().encode("latin-1"))
     with pytest.raises(RecordingError, match=r"k.hl are not UTF-8\. Save the file as UTF-8"):
         read_recording(tmp_path / "a.csv")
+
+
+def test_blanks_after_the_commas_belong_to_no_name_and_no_value(tmp_path):
+    _csv(tmp_path / "a.csv", tool_id="T1", coolant=1.0)
+    text = (tmp_path / "a.csv").read_text().replace(",", ", ")
+    (tmp_path / "b.csv").write_text(text)
+    a, b = read_recording(tmp_path / "a.csv"), read_recording(tmp_path / "b.csv")
+    assert a.columns.keys() == b.columns.keys()
+    for name in a.columns:
+        np.testing.assert_array_equal(a[name], b[name])
+    (tmp_path / "b.csv").write_text(text.replace("10.0,", "fast,", 1))
+    with pytest.raises(RecordingError, match=r"in line 2 'v_x' is ' ?fast', which is no number"):
+        read_recording(tmp_path / "b.csv")
 
 
 def test_lines_that_end_as_on_old_machines_are_lines(tmp_path):
