@@ -60,8 +60,11 @@ def check_all(recordings: Sequence[Recording], machine: Machine | None = None) -
     for recording in recordings:
         for fault in check(recording, machine):
             if fault.severity == ERROR and fault.kind not in _NO_MATTER:
-                said = f"part {recording.part.part}: {fault.column}: {fault.what} {fault.advice}"
-                (fatal if fault.column == TIME else doubts).append(said)
+                part, says = f"part {recording.part.part}", f"{fault.what} {fault.advice}"
+                if fault.column == TIME:  # its sentences name it themselves
+                    fatal.append(f"{', '.join(filter(None, (part, fault.samples)))}: {says}")
+                else:
+                    doubts.append(f"{part}: {fault.column}: {says}")
     if fatal:
         raise DiagnosisError("\n".join(fatal))
     return doubts

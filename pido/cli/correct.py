@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from pido.cli.inputs import Input
+from pido.cli.inputs import Input, said_of
 from pido.cli.outputs import Output, not_of_another_format, outside, replaceable
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
+    from pido.diagnosis.comparable import finite
     from pido.diagnosis.correct import correct, not_told_of, wear_not_kept, without_currents
     from pido.recordings import read_recording
 
@@ -42,11 +43,13 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     replaceable(out, contract.is_series, "corrected part")
     not_of_another_format(out, "NAME.parquet is written.")
     model = contract.read_model(folder)
-    recording, earlier = read_recording(part), [read_recording(each) for each in after]
-    for place, one in zip((part, *after), (recording, *earlier), strict=True):
+    read = [read_recording(each) for each in (part, *after)]
+    for place, one in zip((part, *after), read, strict=True):
         _same_machine(model, place, one)
-    for doubt in check_all([*map(without_currents, (recording, *earlier))]):
-        click.echo(doubt, err=True)
+    notes = said_of(read)
+    recording, *earlier = (finite(one, notes) for one in read)
+    for note in [*notes, *check_all([*map(without_currents, (recording, *earlier))])]:
+        click.echo(note, err=True)
     if missing := not_told_of(model, recording, earlier):
         orders = ", ".join(map(str, missing))
         click.echo(

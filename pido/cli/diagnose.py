@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pido.cli.inputs import Input
+from pido.cli.inputs import Input, said_of
 from pido.cli.outputs import Output
 
 
@@ -64,8 +64,7 @@ def command(
             seed=seed,
             on_progress=progress,
         )
-    read = {note: [r.part.part for r in recordings if note in r.notes] for r in recordings for note in r.notes}
-    for note in [*(f"{', '.join(names)}: {note}" for note, names in read.items()), *result.notes]:
+    for note in [*said_of(recordings), *result.notes]:
         click.echo(note, err=True)
     if as_json:
         click.echo(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=2))

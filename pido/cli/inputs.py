@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pido.core.errors import InputError
+
+if TYPE_CHECKING:
+    from pido.core.recording import Recording
 
 
 class Input(click.Path):
@@ -25,6 +29,12 @@ class Input(click.Path):
             return super().convert(value, param, ctx)
         except click.BadParameter:
             raise InputError(_fault(Path(value), self.file_okay, self.dir_okay)) from None
+
+
+def said_of(recordings: Sequence[Recording]) -> list[str]:
+    """What was converted, assumed or derived while recordings were read: each note once, with the parts it is of."""
+    parts = {note: [r.part.part for r in recordings if note in r.notes] for r in recordings for note in r.notes}
+    return [f"{', '.join(names)}: {note}" for note, names in parts.items()]
 
 
 def _fault(path: Path, file_okay: bool, dir_okay: bool) -> str:

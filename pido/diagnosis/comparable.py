@@ -14,7 +14,7 @@ import numpy as np
 
 from pido.core.arrays import Bool1D
 from pido.core.axes import AXES
-from pido.core.columns import CURRENT, CURRENT_SIM, POSITION, UNITS, VELOCITY
+from pido.core.columns import CURRENT, CURRENT_SIM, POSITION, TIME, UNITS, VELOCITY
 from pido.core.errors import DiagnosisError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
@@ -60,7 +60,21 @@ def in_order(recordings: Sequence[Recording], notes: list[str]) -> list[Recordin
             raise DiagnosisError(f"part {r.part.part}: 'time' does not increase. Put the samples in order first.")
     far = float("inf")
     parts = sorted(recordings, key=lambda r: (_or(r.part.order, far), _or(r.part.start_time_s, far)))
-    return [_finite(r, notes) for r in parts]
+    return [finite(r, notes) for r in parts]
+
+
+def finite(recording: Recording, notes: list[str]) -> Recording:
+    """The part with what is infinite missing, and a note that names the columns. Time is left as it is."""
+    endless = {
+        name: ~np.isfinite(values) & ~np.isnan(values)
+        for name, values in recording.columns.items()
+        if values.dtype != object and name != TIME
+    }
+    columns = {name: np.where(rows, np.nan, recording[name]) for name, rows in endless.items() if rows.any()}
+    if not columns:
+        return recording
+    notes.append(f"part {recording.part.part}: infinite values of {', '.join(columns)} are taken as missing.")
+    return recording.with_columns(**columns)
 
 
 def without_empty(parts: Sequence[Recording], notes: list[str]) -> list[Recording]:
@@ -227,19 +241,6 @@ def _little_motion(axis: str, seconds: float | None) -> list[str]:
             "effects."
         ]
     return []
-
-
-def _finite(recording: Recording, notes: list[str]) -> Recording:
-    endless = {
-        name: ~np.isfinite(values) & ~np.isnan(values)
-        for name, values in recording.columns.items()
-        if values.dtype != object
-    }
-    columns = {name: np.where(rows, np.nan, recording[name]) for name, rows in endless.items() if rows.any()}
-    if not columns:
-        return recording
-    notes.append(f"part {recording.part.part}: infinite values of {', '.join(columns)} are taken as missing.")
-    return replace(recording, columns={**recording.columns, **columns})
 
 
 def _varies(values) -> bool:

@@ -31,6 +31,7 @@ _COARSE_S = 0.03  # speed comes and goes in less: a record with longer steps can
 _FAR_BEYOND = 10.0  # times what one speed in a thousand differs by from its neighbours
 _QUARTER = 0.3186  # of a normal deviation, below which a quarter of all absolute values are
 _SIDES = 0.3  # of what the speed differs from an acceleration, below which the position belongs to it
+_UNEXPLAINED = 0.5  # of a difference: a cause that leaves more of it is none
 _NO_DRIVE = 2.0  # times the largest acceleration and change of speed elsewhere: no drive does that for a sample or two
 _FROZEN_S, _FROZEN_ROWS = 0.3, 8  # a signal that repeats itself to the last digit for so long may be frozen
 _MORE = 3.0  # times what any stretch of the same length loses elsewhere
@@ -40,6 +41,7 @@ _SOME_TIME = 0.4  # of a stretch, for which an axis moves whose position is froz
 _ROUNDED = 3.0  # steps of rounding that a change from sample to sample may be off by
 _GRAINS = 20.0  # steps of a rounded position that a frozen signal must have missed
 _ONE_FAULT_S = 0.1  # contradictions closer than this are one fault
+_RETURNS = 0.2  # of a jump, by which one that takes it back may miss it
 _SPIKE_S = 1.0  # a displacement that returns within this is a spike; a longer one leaves its differences right
 _GOOD_PART = 0.25  # of what a spike of acceleration says, that a change of speed which is not there does not reach
 _LITTLE = 0.1  # of the change of speed in a turn, by which an acceleration that a filter spread may miss it
@@ -100,13 +102,13 @@ def _position_and_speed(
     turn: float | None,
 ) -> None:
     moved, expected = np.diff(pos), 0.5 * (v[1:] + v[:-1]) * step
-    gap = moved - expected
-    if turn is not None:
-        gap = (gap + turn / 2) % turn - turn / 2
-        moved = expected + gap
+    gap = _gap(moved, expected, turn)
     use = steady & np.isfinite(gap) & ~suspect[1:] & ~suspect[:-1]
     if use.sum() < _FEWEST:
         return
+    expected = expected + _beside_middle(gap / step, np.diff(v), use) * np.diff(v) * step
+    gap = _gap(moved, expected, turn)
+    moved = moved if turn is None else expected + gap
     gap = np.where(np.isfinite(gap) & steady, gap, 0.0)
     if turn is not None and _deviation(gap[use]) > turn / 20:
         return  # the angle turns too far between two samples to say anything
@@ -123,28 +125,6 @@ def _position_and_speed(
     change = np.minimum(np.abs(np.diff(v) / step), _around(np.abs(np.diff(speed, prepend=0.0) / step)))
     hard = use & (change > _SHORT * float(np.quantile(_few(change[use]), 0.999)))
     usual = max(usual, _in_motion(rate, use & (moved != 0)), _while_hard(rate, hard), rounding)
-    lost_elsewhere = _lost_elsewhere(gap, use)
-    for name, stretches in zip(("pos", "v"), held, strict=True):
-        frozen = np.zeros(len(time), bool)
-        for i, j in stretches:
-            # Without the steps in which one signal begins or ends a move before the other.
-            inner = slice(i + _EDGE, max(j - _EDGE, i + _EDGE + 1))
-            lost, way = float(np.ptp(np.cumsum(gap[inner]))), float(np.sum(np.abs(gap[inner])))
-            size = float(np.sqrt(np.mean(rate[inner] ** 2)))
-            # A position that hung catches up; one that does not stood still, and a speed beside it is wrong a while.
-            # Beside a speed that stayed as it was, a position that moved in a step or two jumped.
-            if name == "v":
-                hung = _of_two_steps(gap[inner]) < _MOSTLY * lost
-            else:
-                hung = _spread_out(gap[inner]) > _SOME_TIME or _catches_up(gap, j, lost)
-            if (
-                hung
-                and lost > max(_GRAINS * grain, 0.5 * way)
-                and (size > usual / 1.5 or lost > _MORE * lost_elsewhere(inner.stop - inner.start))
-            ):
-                frozen[i : j + 1] = True
-        getattr(out, name)[FROZEN] = frozen
-    frozen = out.pos[FROZEN] | out.v[FROZEN]
     # Spread of each signal around a step; a step between the samples i and i + 1 belongs to i + 1.
     rough_pos, rough_v = _spread(speed), _spread(v)[1:]
     # A sample that was taken a step late, or left out, moves the position by what the speed says.
@@ -152,7 +132,33 @@ def _position_and_speed(
     # Under an acceleration a, the mean speed of a step may be a * dt / 4 beside that of its ends.
     hardest = np.zeros(len(step)) if a is None else np.maximum(np.abs(a[1:]), np.abs(a[:-1]))
     limit = usual + np.minimum(rough_pos, rough_v) + late + np.nan_to_num(hardest) * step / 4
-    bad = (np.abs(rate) > limit) & steady & ~suspect[1:] & ~suspect[:-1] & ~(frozen[1:] & frozen[:-1])
+    bad = (np.abs(rate) > limit) & steady & ~suspect[1:] & ~suspect[:-1]
+    let_go = _let_go(pos, gap, bad)
+    # What a position that let go had lost is explained: a constant speed beside it is not frozen.
+    rest, lost_elsewhere = np.where(let_go[:-1], 0.0, gap), _lost_elsewhere(gap, use)
+    for name, stretches in zip(("pos", "v"), held, strict=True):
+        frozen = np.zeros(len(time), bool)
+        for i, j in stretches:
+            # Without the steps in which one signal begins or ends a move before the other.
+            inner = slice(i + _EDGE, max(j - _EDGE, i + _EDGE + 1))
+            lost, way = float(np.ptp(np.cumsum(rest[inner]))), float(np.sum(np.abs(rest[inner])))
+            size = float(np.sqrt(np.mean((rest[inner] / step[inner]) ** 2)))
+            # A position that hung catches up; one that does not stood still, and a speed beside it is wrong a while.
+            # Beside a speed that stayed as it was, a position that moved in a step or two jumped.
+            if name == "v":
+                hung = _of_two_steps(rest[inner]) < _MOSTLY * lost
+            else:
+                hung = _spread_out(rest[inner]) > _SOME_TIME or _catches_up(rest, j, lost)
+            if (
+                hung
+                and lost > max(_GRAINS * grain, 0.5 * way)
+                and (size > usual / 1.5 or lost > _MORE * lost_elsewhere(inner.stop - inner.start))
+            ):
+                frozen[i : j + 1] = True
+        getattr(out, name)[FROZEN] = frozen
+    out.pos[FROZEN] |= let_go
+    frozen = out.pos[FROZEN] | out.v[FROZEN]
+    bad &= ~(frozen[1:] & frozen[:-1])
     # Where a frozen position lets go it catches up: that jump belongs to the frozen stretch.
     near = np.convolve(frozen, np.ones(3), "same") > 0
     bad &= ~near[1:]
@@ -178,7 +184,7 @@ def _position_and_speed(
         first, last, size = jumps[k]
         back = jumps[k + 1] if k + 1 < len(jumps) else None
         jump[first : last + 1] = True
-        if back is not None and abs(back[2] + size) < 0.2 * abs(size):
+        if back is not None and abs(back[2] + size) < _RETURNS * abs(size):
             if time[back[0]] - time[first] <= _SPIKE_S:
                 jump[first : last + 1] = False
                 spike[first : back[1]] = True
@@ -190,6 +196,29 @@ def _position_and_speed(
             out.displaced[first:] = True
         k += 1
     out.pos[JUMP], out.pos[SPIKE], out.v[SPIKE] = jump, spike, spike_v
+
+
+def _gap(moved: Float1D, expected: Float1D, turn: float | None) -> Float1D:
+    """What the position moved beside what was expected; of an angle, to the nearer side."""
+    gap = moved - expected
+    return gap if turn is None else (gap + turn / 2) % turn - turn / 2
+
+
+def _beside_middle(rate: Float1D, change: Float1D, use: Bool1D) -> float:
+    """Where between the speeds at its two ends the mean speed of a step is: 0 in the middle, -0.5 the first, 0.5 the
+    last, as where a position is the sum of the speeds. It is the same in all steps, and 0 unless that explains most of
+    the difference while the axis speeds up or slows down.
+
+    rate, change : (n - 1,) - mean speed by the position beside that of the ends; last speed minus first
+    """
+    size = np.abs(change)
+    hard = use & (size > _SHORT * float(np.quantile(_few(size[use]), 0.999)))
+    if hard.sum() < _FEWEST:
+        return 0.0
+    share = float(np.clip(np.median(rate[hard] / change[hard]), -0.5, 0.5))
+    left = np.abs(rate - share * change)[hard]
+    explained = all(np.quantile(left, q) < _UNEXPLAINED * np.quantile(np.abs(rate[hard]), q) for q in (0.5, 0.9))
+    return share if explained else 0.0
 
 
 def _spread_out(values: Float1D) -> float:
@@ -206,6 +235,22 @@ def _of_two_steps(gap: Float1D) -> float:
 def _catches_up(gap: Float1D, last: int, lost: float) -> bool:
     """Whether the position makes up for most of what it lost in the steps after its sample `last`."""
     return abs(float(np.sum(gap[last : last + _REACH]))) > _MOSTLY * lost
+
+
+def _let_go(pos: Float1D, gap: Float1D, bad: Bool1D) -> Bool1D:
+    """(n,) - identical positions before a jump that gives back what they lost: they were wrong, not what follows.
+
+    bad : (n - 1,) - steps that jump
+    """
+    out = np.zeros(len(pos), bool)
+    stood = np.diff(pos) == 0
+    begins = np.flatnonzero(stood & ~np.r_[False, stood[:-1]])
+    for k in np.flatnonzero(stood[:-1] & ~stood[1:] & bad[1:]) + 1:
+        i = begins[np.searchsorted(begins, k) - 1]
+        lost, given = float(np.sum(gap[i:k])), float(np.sum(gap[k : k + _REACH]))
+        if abs(given + lost) < _RETURNS * abs(lost):
+            out[i : k + 1] = True
+    return out
 
 
 def _like_position(rate: Float1D, v: Float1D, a: Float1D, step: Float1D, first: int, last: int) -> bool:
@@ -267,9 +312,7 @@ def _speed_and_acceleration(
     apart = use & ~(_rows(held, len(time)) & (np.abs(off) > _FACTOR * _deviation(off[use])))
     apart = apart if apart.sum() >= _FEWEST else use
     usual = max(_usual(off[apart], rate[apart]), _in_motion(off, apart & (rate != 0)))
-    # Between two samples an acceleration may come and go; only what is large beside all others is a spike.
     short = _SHORT * float(np.quantile(np.abs(_few(rate[apart])), 0.999))
-    usual = max(usual, short)
     least = _EXACT * float(np.nanmax(np.abs(v))) / float(np.median(np.diff(time)))
     usual = max(usual, _while_hard(off, apart & (np.abs(rate) > short)), least)
     frozen = np.zeros(len(time), bool)
@@ -277,6 +320,8 @@ def _speed_and_acceleration(
         inner = slice(i + _EDGE, max(j + 1 - _EDGE, i + _EDGE + 1))
         if float(np.sqrt(np.mean(off[inner] ** 2 * use[inner]))) > usual / 1.5:
             frozen[i : j + 1] = True
+    # Between two samples an acceleration may come and go; only what is large beside all others is a spike.
+    usual = max(usual, short)
     # One-sided differences: a central one smooths the shortest moves away.
     v = _filled(v)
     sudden = np.diff(v, prepend=v[:1]) / np.median(np.diff(time))

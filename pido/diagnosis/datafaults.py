@@ -16,7 +16,7 @@ from pido.core.axes import AXES
 from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import paired_p
-from pido.diagnosis.faults import clipping, faulty, input_faults
+from pido.diagnosis.faults import DISPLACED, clipping, faulty, input_faults
 from pido.diagnosis.finding import Estimate, Evidence, FaultySignal, Finding, HeldOut, Interval, Where
 from pido.diagnosis.locate import lasting
 from pido.diagnosis.mismatch import Mismatch
@@ -48,11 +48,14 @@ def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Find
             for each in _merged(part, [(f.t_start, f.t_end) for f in faults if f.part == part])
         ]
         first = intervals[0]
+        done = "these rows are set aside"
+        if DISPLACED in reasons:
+            done = "rows of a displaced position are used without it, all others are set aside"
         named = " and ".join(filter(None, (", ".join(columns[:-1]), columns[-1])))
         where = Where(
             f"{named} {'are' if len(columns) > 1 else 'is'} wrong in {len(intervals)} "
             f"place{'s' if len(intervals) > 1 else ''}, first in part {first.part} at "
-            f"{first.t_start:.2f} s: {'; '.join(reasons)}; these rows are set aside",
+            f"{first.t_start:.2f} s: {'; '.join(reasons)}; {done}",
             tuple(columns),
             tuple(intervals),
             faults=tuple(faults),

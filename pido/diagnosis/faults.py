@@ -23,7 +23,8 @@ from pido.diagnosis.consistency import FROZEN, JUMP, contradictions, runs
 # Beyond any machine tool: 5 m/s and 20 g along an axis; 150 000 1/min, reached within 10 ms, at the spindle.
 _V_MOST = {"lin": 5000.0, "sp": 9.0e5}
 _A_MOST = {"lin": 2.0e5, "sp": 9.0e7}
-_DISPLACED = "displaced since a jump: a counter reset"
+DISPLACED = "displaced since a jump: a counter reset"
+"""Of a position: its rows are used without it, as its differences are right; those of any other fault are not used."""
 _BEYOND_LOAD = 8.0  # times the load that one in a hundred loaded samples exceeds
 _FEW_LOADED = 200  # samples with a load, below which none is called extreme
 _FLAT_SHARE = 2e-3  # of the samples must lie exactly at a current's extreme to call it a limit
@@ -96,7 +97,7 @@ def faulty(recording: Recording, axis: str) -> Bool1D:
     rows = np.zeros(len(recording), bool)
     for by_reason in _faults_of_axis(recording, axis).values():
         for reason, found in by_reason.items():
-            if reason != _DISPLACED:
+            if reason != DISPLACED:
                 rows |= found
     return rows
 
@@ -191,7 +192,7 @@ def _judge(recording: Recording, axis: str) -> Faults:
     for name in ("pos", "v", "a"):
         out[names[name]] |= getattr(found, name)
     if found.displaced.any():
-        out[names["pos"]][_DISPLACED] = found.displaced & ~found.pos[JUMP]
+        out[names["pos"]][DISPLACED] = found.displaced & ~found.pos[JUMP]
     if a is not None:
         reached = np.abs(a) <= _A_MOST[sort]
         out[names["a"]]["acceleration that no machine reaches"] = ~reached & np.isfinite(a)

@@ -35,13 +35,17 @@ class Fault:
     mask: Bool1D | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
-        if self.rows == 0:
-            place = self.column
-        elif self.rows == 1:
-            place = f"{self.column}, 1 sample at t = {self.t_start:.2f} s"
-        else:
-            place = f"{self.column}, {self.rows} samples from t = {self.t_start:.2f} to {self.t_end:.2f} s"
+        place = ", ".join(filter(None, (self.column, self.samples)))
         return f"{self.severity} {self.kind} ({place}): {self.what} {self.advice}"
+
+    @property
+    def samples(self) -> str:
+        """How many samples are concerned, and when; nothing where it is the whole column."""
+        if self.rows == 0:
+            return ""
+        if self.rows == 1:
+            return f"1 sample at t = {self.t_start:.2f} s"
+        return f"{self.rows} samples from t = {self.t_start:.2f} to {self.t_end:.2f} s"
 
     def as_dict(self) -> dict[str, object]:
         """For machines: everything but the mask."""

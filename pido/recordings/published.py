@@ -1,6 +1,6 @@
 """The published 50 Hz milling files (KIT, doi 10.5445/IR/1000157789 and its follow-up): CSV, contract's names.
 
-In:  a .csv with curr_<axis> and pos_ or v_ columns, with or without `time`.
+In:  a .csv with pos_ or v_ columns, with or without `time` and currents (a part may be simulated before it is made).
 Out: a Recording. Without `time`, rows are 20 ms apart, as their publisher says; a file whose time has another name is
      refused. Columns that neither contract nor publisher knows are kept where they are numbers, and named in a note.
 """
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pido.core.columns import ACCELERATION, CURRENT, OPTIONAL, POSITION, PROCESS, TIME, UNITS, VELOCITY
+from pido.core.columns import ACCELERATION, OPTIONAL, POSITION, PROCESS, TIME, UNITS, VELOCITY
 from pido.core.errors import RecordingError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
@@ -30,8 +30,7 @@ _CLOCKS = {"t", "s", "ms", "us", "sec", "secs", "second", "seconds", "msec", "da
 def _recognises(path: Path) -> bool:
     if not path.is_file() or path.suffix.lower() != ".csv":
         return False
-    names = set(csv_header(path))
-    return any(c in names for c in CURRENT.values()) and any(c in names for c in _MOVES)
+    return not set(csv_header(path)).isdisjoint(_MOVES)
 
 
 def _read(path: Path, machine: str | None, channels: Mapping[str, str]) -> Recording:

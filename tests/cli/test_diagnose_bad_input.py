@@ -104,11 +104,11 @@ NOTHING_COMPARED = {
     ),
     "time that never ends": (
         lambda c, k: c | {"time": np.where(np.arange(ROWS) == ROWS - 1, np.inf, c["time"])},
-        "part p1: time: time is missing",
+        "part p1, 1 sample at t = 23.96 s: time is missing",
     ),
     "time that stands still": (
         lambda c, k: c | {"time": np.where(np.arange(ROWS) == 500, c["time"][499], c["time"])},
-        "part p2: time: time stands still",
+        "part p2, 1 sample at t = 9.98 s: time stands still",
     ),
     "time in milliseconds": (lambda c, k: c | {"time": 1000.0 * c["time"]}, "looks like ms; it must be in s"),
     "time in milliseconds, one axis": (

@@ -1,8 +1,10 @@
 """What `simulate`, `correct` and `diagnose` read and where they write: nothing that was recorded is replaced."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pido.core.part import PartInfo
@@ -165,6 +167,39 @@ def test_a_recorded_current_that_is_not_read_is_not_spoken_of(place, call):
     changed(place / "p01", curr_x=np.full(600, np.nan), curr_y=np.full(600, np.nan))
     code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
     assert (code, err) == (0, "")
+
+
+def test_what_is_derived_or_assumed_of_a_part_that_is_corrected_is_said(place, call):
+    recording = read_recording(place / "p01")
+    table = pd.DataFrame({name: recording[name] for name in ("pos_x", "v_x", "a_x", "curr_x_sim")})
+    table.to_csv(place / "p03.csv", index=False)
+    write_folder(replace(recording, columns={n: c for n, c in recording.columns.items() if n != "v_x"}), place / "p01")
+    words = ("correct", place / "diagnosis", place / "p03.csv", "--after", place / "p01")
+    code, _, err = call(*words, "--out", place / "c.parquet")
+    assert code == 0, err
+    assert "p03: no time column: rows are 20 ms apart" in err
+    assert "p01: " in err
+    assert "v_x" in err
+
+
+def test_a_table_without_a_recorded_current_is_corrected_as_its_folder_is(place, call):
+    recording = read_recording(place / "p01")
+    bare = {name: column for name, column in recording.columns.items() if name != "curr_x"}
+    pd.DataFrame(bare).to_csv(place / "p01.csv", index=False)
+    write_folder(replace(recording, columns=bare), place / "p01")
+    for name in ("p01", "p01.csv"):
+        code, _, err = call("correct", place / "diagnosis", place / name, "--out", place / f"{name}.parquet")
+        assert code == 0, err
+    of_folder, of_table = (pd.read_parquet(place / f"{name}.parquet") for name in ("p01", "p01.csv"))
+    pd.testing.assert_frame_equal(of_folder, of_table)
+
+
+def test_an_infinite_speed_is_missing_in_a_correction_and_said_without_a_warning(place, call):
+    changed(place / "p01", v_x=np.where(np.arange(600) == 50, np.inf, read_recording(place / "p01")["v_x"]))
+    code, _, err = call("correct", place / "diagnosis", place / "p01", "--out", place / "c.parquet")
+    assert code == 0
+    assert "part p01: infinite values of v_x are taken as missing." in err
+    assert "Warning" not in err
 
 
 @pytest.mark.parametrize(("made_on", "code"), [("cmx600v", 0), ("dmc60h", 1), (None, 0)])

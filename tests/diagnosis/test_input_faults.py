@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.comparable import comparable_axes
-from pido.diagnosis.datafaults import clipped
+from pido.diagnosis.datafaults import clipped, input_findings
 from pido.diagnosis.faults import clipping, displaced, faulty, input_faults
 from pido.recordings import read_recording
 
@@ -179,6 +179,79 @@ def test_a_wrong_signal_is_found_where_it_is_wrong(rate, column, seconds, change
     last = max(f.t_end for f in found[column])
     end = clean.time[-1] if seconds is None else clean.time[j - 1]
     assert last <= end + 0.35
+
+
+def summed(rate: float) -> Recording:
+    """A position that is the sum of the speeds: half a sample from the integral of what is sampled."""
+    made = axis_in_motion(rate, seed=2, noise=0.0)
+    t, v = made.time, made["v_x"]
+    return made.with_columns(pos_x=100 + np.cumsum(v) / rate, a_x=np.gradient(v, t))
+
+
+def while_it_moves(recording: Recording, rate: float, seconds: float = 2.0) -> list[slice]:
+    """Windows of the recording in which the axis changes its speed and covers some way."""
+    length = int(seconds * rate)
+    windows = [slice(i, i + length) for i in range(2 * length, len(recording) - 2 * length, length)]
+    moving = [np.abs(recording["v_x"][w]).mean() > 2 and np.ptp(recording["v_x"][w]) > 5 for w in windows]
+    return [w for w, moves in zip(windows, moving, strict=True) if moves]
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+@pytest.mark.parametrize("column", ["pos_x", "v_x", "a_x"])
+def test_a_frozen_signal_is_found_where_position_and_speed_are_half_a_sample_apart(column, rate):
+    clean = summed(rate)
+    assert input_faults(clean) == {}
+    windows = while_it_moves(clean, rate)
+    assert len(windows) > 5
+    for window in windows:
+        held = np.flatnonzero(clean[column][window] != clean[column][window.start])
+        if len(held) == 0 or held[-1] < rate:
+            continue  # it hardly changed, or the value that it has is right
+        found = input_faults(put(clean, column, window, clean[column][window.start]))
+        assert set(found) == {column}
+        assert {f.reason for f in found[column]} == {"frozen while the axis moves"}
+
+
+def test_a_speed_that_is_half_again_too_large_for_a_while_is_found_beside_a_position_half_a_sample_apart():
+    clean = summed(50.0)
+    for window in while_it_moves(clean, 50.0):
+        found = input_faults(put(clean, "v_x", window, 0.5 * clean["v_x"][window]))
+        assert set(found) <= {"v_x", "a_x"}
+        marked = in_rows(clean, found["v_x"])
+        wrong = np.zeros(len(clean), bool)
+        wrong[window] = np.abs(clean["v_x"][window]) > 4
+        assert marked[wrong].mean() > 0.5
+        assert not marked[: window.start - 2].any()
+        assert not marked[window.stop + 2 :].any()
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.2, 2.0])
+def test_what_comes_after_a_position_that_hung_and_caught_up_is_right(seconds):
+    clean = axis_in_motion(50.0, seed=2, noise=0.0)
+    fast = int(np.flatnonzero(np.abs(clean["v_x"]) > 29)[40])
+    window = slice(fast, fast + int(seconds * 50))
+    broken = put(clean, "pos_x", window, clean["pos_x"][fast])
+    assert {f.reason for f in input_faults(broken)["pos_x"]} == {"frozen while the axis moves"}
+    assert not displaced(broken, "x")[window.stop :].any()
+    assert faulty(broken, "x")[window].all()
+
+
+def test_a_counter_that_resets_is_no_position_that_catches_up():
+    clean = summed(50.0)
+    fast = int(np.flatnonzero(np.abs(clean["v_x"]) > 29)[40])
+    hung = put(clean, "pos_x", slice(fast, fast + 10), clean["pos_x"][fast])
+    reset = put(hung, "pos_x", slice(fast + 10, None), np.full(len(clean) - fast - 10, 40.0))
+    assert displaced(reset, "x")[fast + 11 :].all()
+
+
+def test_what_is_done_with_faulty_rows_is_said_as_it_is_done():
+    clean = axis_in_motion(50.0, seed=2).with_columns(curr_x=np.ones(2000))
+    reset = put(clean, "pos_x", slice(1000, None), np.full(1000, 800.0))
+    spiked = put(clean, "v_x", slice(1000, 1002), 90.0)
+    lost, wrong = (input_findings([r], ["x"])[0].where.summary for r in (reset, spiked))
+    assert lost.endswith("; rows of a displaced position are used without it, all others are set aside")
+    assert wrong.endswith("; these rows are set aside")
+    assert faulty(reset, "x").sum() < 5
 
 
 @pytest.mark.parametrize(("v", "size"), [(0.0, 40.0), (0.0, -5.0), (0.0, 1.0), (30.0, 40.0), (30.0, -5.0)])
