@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,18 +42,28 @@ LEAST_JUDGED = 0.5
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What can be said of a part. `unwatched` axes have no band or no recording. Of the `windows` of the others, added
-    up, the share `judged` could be judged; the rest is unlike anything that was seen before."""
+    up, the share `judged` could be judged. Of the rest, the share `too_wide` lies where the band reaches as far as all
+    that the axis draws, on the axes `blind` more than half of it; what then remains is unlike anything that was seen
+    before."""
 
     part: str
     alarms: tuple[Alarm, ...]
     unwatched: tuple[str, ...]
     windows: int
     judged: float
+    too_wide: float = 0.0
+    blind: tuple[str, ...] = ()
 
     @property
     def enough(self) -> bool:
         """Whether so much of the part was judged that silence says something."""
         return self.judged >= LEAST_JUDGED
+
+    @property
+    def familiar(self) -> bool:
+        """Whether so much of the part is like what was seen that a band may learn from it: a wide one narrows only by
+        parts that it could not judge."""
+        return self.judged + self.too_wide >= LEAST_JUDGED
 
     @property
     def good(self) -> bool:
@@ -66,17 +76,17 @@ def judge(part: PartResiduals, band: Band) -> Verdict:
     alarms: list[Alarm] = []
     watched = [a for a in band.axes if np.isfinite(part.residual[:, AXES.index(a)]).any()]
     width = window_samples(part.rate_hz, band.window_s)
-    windows = judged = 0
+    counts: dict[str, _Count] = {}
     for axis in watched:
-        z = standardise(part, axis, band)
-        windows += int(np.isfinite(window_mean(part.residual[:, AXES.index(axis)], width)).sum())
-        judged += int(np.isfinite(z).sum())
+        z, reach = standardise(part, axis, band), band.axes[axis].threshold * scales(part, axis, band)[1]
         with np.errstate(invalid="ignore"):
             outside = np.abs(z) > band.axes[axis].threshold
+        windows = int(np.isfinite(window_mean(part.residual[:, AXES.index(axis)], width)).sum())
+        known = np.isfinite(z)
+        counts[axis] = _Count(windows, int((known & (outside | band.says(axis, reach))).sum()), int(known.sum()))
         alarms += [_alarm(part, axis, run, z, band) for run in _runs(outside, width)]
     alarms.sort(key=lambda a: a.t_start)
-    unwatched = tuple(a for a in AXES if a not in watched)
-    return Verdict(part.part, tuple(alarms), unwatched, windows, judged / max(windows, 1))
+    return _verdict(part.part, alarms, counts)
 
 
 class Watch:
@@ -89,13 +99,11 @@ class Watch:
         self._rate_hz = rate_hz
         self._last = {axis: deque[tuple[float, Float1D | None]](maxlen=self._width) for axis in band.axes}
         self._engaged = dict.fromkeys(band.axes, 0)
-        self._seen: set[str] = set()
-        self._windows = self._judged = 0
+        self._counts: dict[str, _Count] = {}
 
     def verdict(self, part: str, alarms: Sequence[Alarm]) -> Verdict:
         """What can be said of the part so far, `alarms` being those that were raised."""
-        unwatched = tuple(axis for axis in AXES if axis not in self._seen)
-        return Verdict(part, tuple(alarms), unwatched, self._windows, self._judged / max(self._windows, 1))
+        return _verdict(part, alarms, self._counts)
 
     def push(
         self,
@@ -117,16 +125,19 @@ class Watch:
                 self._engaged[axis] = 0
                 continue
             self._engaged[axis] += 1
-            self._seen.add(axis)
+            count = self._counts.setdefault(axis, _Count())
             last.append((value, None if states is None else states[axis]))
             if len(last) < self._width:
                 continue
             # Summed anew: a running sum drifts over a shift, and a window is a few dozen numbers.
             mean = math.fsum(v for v, _ in last) / self._width
             low, high = self._band.limits(axis, tool, block, self._program, *self._expected(axis))
-            self._windows += 1
-            self._judged += math.isfinite(low)
-            if not low <= mean <= high and math.isfinite(low):
+            known = math.isfinite(low)
+            passed = low <= mean <= high or not known
+            count.windows += 1
+            count.known += known
+            count.judged += not passed or bool(self._band.says(axis, np.float64(0.5 * (high - low))))
+            if not passed:
                 beyond = mean - 0.5 * (low + high)
                 outside[axis] = (2 * self._band.axes[axis].threshold * beyond / (high - low), beyond)
         return outside
@@ -140,6 +151,23 @@ class Watch:
         features = features_of(np.array(states), self._engaged[axis] / self._rate_hz)
         lean, factor = expected_in(features, band.difficulty, band.lean)
         return float(factor[0]), float(lean[0])
+
+
+@dataclass(slots=True)
+class _Count:
+    """Windows of one axis: all, those that were judged, and those that are like something that was seen."""
+
+    windows: int = 0
+    judged: int = 0
+    known: int = 0
+
+
+def _verdict(part: str, alarms: Sequence[Alarm], counts: Mapping[str, _Count]) -> Verdict:
+    windows = sum(c.windows for c in counts.values())
+    judged = sum(c.judged for c in counts.values()) / max(windows, 1)
+    too_wide = sum(c.known - c.judged for c in counts.values()) / max(windows, 1)
+    blind = tuple(a for a in AXES if a in counts and counts[a].known - counts[a].judged > 0.5 * counts[a].windows)
+    return Verdict(part, tuple(alarms), tuple(a for a in AXES if a not in counts), windows, judged, too_wide, blind)
 
 
 def _runs(outside: Bool1D, join: int) -> list[slice]:
