@@ -136,7 +136,7 @@ class Watch:
             passed = low <= mean <= high or not known
             count.windows += 1
             count.known += known
-            count.judged += not passed or bool(self._band.says(axis, np.float64(0.5 * (high - low))))
+            count.judged += not passed or bool(self._band.says(axis, np.array([0.5 * (high - low)]))[0])
             if not passed:
                 beyond = mean - 0.5 * (low + high)
                 outside[axis] = (2 * self._band.axes[axis].threshold * beyond / (high - low), beyond)
