@@ -20,6 +20,7 @@ from pido.core.samples import Samples
 from pido.models.axis_models import AxisModels
 from pido.models.metrics import metrics
 from pido.models.promotion import gate
+from pido.models.rivals import RIVALS
 from pido.parts import samples_of
 from pido.store import Store
 from pido.tracking import bundle, model_files, promotion
@@ -92,9 +93,10 @@ def verdict(
             path = samples_of(workspace, digest)
             found = metrics(path.currents, champion.predict(path))
             theirs[digest] = np.array([found[axis].rmse for axis in AXES])
-    said = gate(rmse("both"), theirs, rmse("constant"))
+    others = {name: rmse(name) for name in RIVALS if name != "constant"}
+    said = gate(rmse("both"), theirs, rmse("constant"), others=others)
     return {"passed": bool(said.passed), "words": said.words, "parts": list(usable)[::-1],
-            "champion": None if now is None else now.digest,
+            "champion": None if now is None else now.digest, "warnings": list(said.warnings),
             "change": {a.axis: a.change for a in said.axes}}  # fmt: skip
 
 

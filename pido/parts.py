@@ -3,7 +3,7 @@
 In:  a path, a workspace. Out: a part in the store and its samples in `derived/`; facts in the ledger.
 
 What arrived is known by the digest of its bytes, the part in it by the digest of its content: the same part under
-another name, in another format's file or twice is one part.
+another name, with another order or tool, in another format's file or twice is one part: its samples say so.
 """
 
 from __future__ import annotations
@@ -71,7 +71,9 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     try:
         recording = _read(workspace, place, named)
         _check(recording, workspace, place)
-        samples, lost = _samples(workspace, recording, digest(recording))
+        same = store.same(recording)
+        name = digest(recording)
+        made = None if same is not None and same.digest != name else _samples(workspace, recording, name)
         if not at_rest():
             raise changed
         entry = store.add(recording, source=place.name)
@@ -81,7 +83,9 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
         if at_rest():
             raise Refused(str(error), key, machine_said(place) or named or "") from error
         raise changed from None  # half of one and half of the other is no reason to reject either
-    save_samples(samples, samples_path(workspace, entry.digest), lost)
+    if made is not None and entry.digest == name:
+        samples, lost = made
+        save_samples(samples, samples_path(workspace, entry.digest), lost)
     ledger.took(key, place.name, entry.digest, entry.machine)
     return _answer(entry, key)
 
@@ -128,7 +132,7 @@ def _made(workspace: Workspace, digest: str) -> Path:
 
 def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tuple[Recording, Samples, Int1D, str]:
     """A recording that is only looked at, not taken in: at the method's rate, its rows, what was lost (`lost_of`), its
-    digest. Nothing is stored.
+    digest, or that of the stored part whose samples it has. Nothing is stored.
 
     Raises RecordingError, SettingsError or StoreError for a recording that cannot be used.
     """
@@ -136,7 +140,8 @@ def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tup
 
     recording = _read(workspace, path, machine or workspace.settings.machine)
     _check(recording, workspace, path)
-    name = digest(recording)
+    same = Store(workspace.store).same(recording)
+    name = digest(recording) if same is None else same.digest
     samples, lost = _samples(workspace, recording, name)
     return at_rate(workspace, recording), samples, lost, name
 

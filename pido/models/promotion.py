@@ -1,10 +1,12 @@
 """Whether a challenger may replace the champion: paired, per axis, on the last parts that neither was trained on.
 
-In:  RMSE per part and axis of both, and of the trivial rival. Out: a verdict in words and numbers.
+In:  RMSE per part and axis of both, and of trivial rivals. Out: a verdict in words and numbers.
 
 Parts are the unit, not samples: neighbouring samples repeat each other. A challenger passes when on no axis it is worse
 than the champion by more than `tolerance` in the mean of the last parts, nor by less but on so many parts that chance
-cannot have done it; and when it beats the trivial rival wherever the champion does.
+cannot have done it; and when it beats the constant current wherever the champion does. An axis on which another
+trivial rival has the lower error is a warning to whoever approves, and no failure: a challenger that improves on the
+champion is an improvement, also while both lie behind a friction line.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ class Verdict:
     passed: bool
     axes: tuple[AxisVerdict, ...]
     words: str
+    warnings: tuple[str, ...] = ()
 
 
 def gate(
@@ -48,12 +51,14 @@ def gate(
     champion: Mapping[str, Float1D],
     rival: Mapping[str, Float1D] | None = None,
     *,
+    others: Mapping[str, Mapping[str, Float1D]] | None = None,
     tolerance: float = 0.02,
     level: float = 0.05,
 ) -> Verdict:
     """Compare RMSE (4,) per part, keyed by part; NaN where an axis was not recorded.
 
-    champion : empty where there is none yet; the challenger then has to beat the trivial `rival` on each axis
+    champion : empty where there is none yet; the challenger then has to beat `rival`, a constant current, on each axis
+    others : further trivial rivals by name; where one has the lower error, the words warn of it, with both errors
     tolerance : relative worsening of the mean that is let pass; level : of the sign test
     RegistryError where the two were not judged on the same parts.
     """
@@ -75,7 +80,24 @@ def gate(
     passed = bool(axes) and not failed
     words = "; ".join(a.words for a in axes) or "no axis could be compared"
     lead = "may be promoted" if passed else f"must not be promoted (fails on {', '.join(failed) or 'all axes'})"
-    return Verdict(passed, axes, f"{lead}: {words}")
+    rivals = {**({} if rival is None else {"constant": rival}), **(others or {})}
+    warnings = tuple(w for i, axis in enumerate(AXES) if (w := _behind(axis, i, parts, challenger, rivals)))
+    warned = f". Warning: a trivial rival has the lower error on {'; '.join(warnings)}" if warnings else ""
+    return Verdict(passed, axes, f"{lead}: {words}{warned}", warnings)
+
+
+def _behind(
+    axis: str, i: int, parts: list[str], challenger: Mapping[str, Float1D], rivals: Mapping[str, Mapping[str, Float1D]]
+) -> str:
+    """Names the trivial rivals that are better than the challenger on an axis, with mean errors; '' where none is."""
+    found = []
+    mine = np.array([challenger[p][i] for p in parts], float)
+    for name, errors in rivals.items():
+        theirs = np.array([errors[p][i] if p in errors else np.nan for p in parts], float)
+        both = np.isfinite(mine) & np.isfinite(theirs)
+        if both.any() and np.mean(theirs[both]) < np.mean(mine[both]) - _NO_ERROR:
+            found.append(f"{name} {np.mean(theirs[both]):.3g} A beside {np.mean(mine[both]):.3g} A")
+    return f"{axis} ({', '.join(found)})" if found else ""
 
 
 def _axis(

@@ -43,7 +43,8 @@ LEAST_JUDGED = 0.5
 class Verdict:
     """What can be said of a part. `unwatched` axes have no band or no recording. Of the `windows` that the others would
     have if no value were missing, added up, the share `judged` could be judged. For the share `lost` the recording
-    lacks too many values; the rest is unlike anything that was seen before.
+    lacks too many values. For the share `too_wide` the band reaches as far as all that the axis draws, on the axes
+    `blind` more than half of it. What then remains, `unlike`, is unlike anything that was seen before.
 
     lacking : axis to the share of its values that the recording lacks, where it lacks any
     """
@@ -55,11 +56,24 @@ class Verdict:
     judged: float
     lost: float = 0.0
     lacking: Mapping[str, float] = field(default_factory=dict)
+    too_wide: float = 0.0
+    blind: tuple[str, ...] = ()
+
+    @property
+    def unlike(self) -> float:
+        """Share of the windows that are unlike anything that was seen before."""
+        return 1.0 - self.judged - self.lost - self.too_wide
 
     @property
     def enough(self) -> bool:
         """Whether so much of the part was judged that silence says something."""
         return self.judged >= LEAST_JUDGED
+
+    @property
+    def familiar(self) -> bool:
+        """Whether so much of the part is like what was seen that a band may learn from it: a wide one narrows only by
+        parts that it could not judge."""
+        return self.judged + self.too_wide >= LEAST_JUDGED
 
     @property
     def good(self) -> bool:
@@ -74,19 +88,21 @@ def judge(part: PartResiduals, band: Band) -> Verdict:
     width = window_samples(part.rate_hz, band.window_s)
     counts: dict[str, _Count] = {}
     for axis in watched:
-        z = standardise(part, axis, band)
+        z, reach = standardise(part, axis, band), band.axes[axis].threshold * scales(part, axis, band)[1]
         residual = part.residual[:, AXES.index(axis)]
         there, share = np.isfinite(residual), window_share(residual, width, part.due)
         due = there if part.due is None else part.due
+        with np.errstate(invalid="ignore"):
+            outside = np.abs(z) > band.axes[axis].threshold
+        known = np.isfinite(z)
         counts[axis] = _Count(
             windows=int(np.isfinite(share).sum()),
-            judged=int(np.isfinite(z).sum()),
+            judged=int((known & (outside | band.says(axis, reach))).sum()),
+            known=int(known.sum()),
             lost=int((share < LEAST_THERE).sum()),
             due=int(due.sum()),
             there=int(there.sum()),
         )
-        with np.errstate(invalid="ignore"):
-            outside = np.abs(z) > band.axes[axis].threshold
         alarms += [_alarm(part, axis, run, z, band) for run in _runs(outside, width)]
     alarms.sort(key=lambda a: a.t_start)
     return _verdict(part.part, alarms, counts)
@@ -147,8 +163,11 @@ class Watch:
             low, high = self._band.limits(axis, tool, block, self._program, *self._expected(axis))
             middle, reach = 0.5 * (low + high), 0.5 * (high - low) / math.sqrt(share)
             low, high = middle - reach, middle + reach
-            count.judged += math.isfinite(low)
-            if not low <= mean <= high and math.isfinite(low):
+            is_known = math.isfinite(low)
+            passed = low <= mean <= high or not is_known
+            count.known += is_known
+            count.judged += not passed or bool(self._band.says(axis, np.array([reach]))[0])
+            if not passed:
                 beyond = mean - 0.5 * (low + high)
                 outside[axis] = (2 * self._band.axes[axis].threshold * beyond / (high - low), beyond)
         return outside
@@ -169,25 +188,31 @@ class Watch:
 
 @dataclass(slots=True)
 class _Count:
-    """Of one axis: windows, those that were judged, and those lost for want of values; values due, and there."""
+    """Of one axis: windows; those that were judged, those that are like something that was seen, and those lost for
+    want of values; values due, and there."""
 
     windows: int = 0
     judged: int = 0
+    known: int = 0
     lost: int = 0
     due: int = 0
     there: int = 0
 
 
 def _verdict(part: str, alarms: Sequence[Alarm], counts: Mapping[str, _Count]) -> Verdict:
-    windows = max(1, sum(c.windows for c in counts.values()))
+    windows = sum(c.windows for c in counts.values())
+    judged, lost, known = (sum(getattr(c, name) for c in counts.values()) for name in ("judged", "lost", "known"))
+    of = max(windows, 1)
     return Verdict(
         part,
         tuple(alarms),
         tuple(axis for axis in AXES if axis not in counts),
-        sum(c.windows for c in counts.values()),
-        sum(c.judged for c in counts.values()) / windows,
-        sum(c.lost for c in counts.values()) / windows,
+        windows,
+        judged / of,
+        lost / of,
         {axis: 1.0 - c.there / c.due for axis, c in counts.items() if c.there < c.due},
+        (known - judged) / of,
+        tuple(a for a in AXES if a in counts and counts[a].known - counts[a].judged > 0.5 * counts[a].windows),
     )
 
 

@@ -12,6 +12,10 @@ fitted to the upper half of their squares. Squares, because those of a Gaussian 
 while its own tail is lighter than any Pareto law and the extrapolation would overshoot. Parts differ from one another,
 which K parts show only roughly: the threshold is exceeded with its chance over all widths that the next part may have,
 with a prior on the spread between parts.
+
+From few parts that are unlike one another, such a level may lie beyond all current that an axis draws. It stays there:
+an alarm beyond it is one, and a narrower limit would not keep what is promised of good parts. But silence within it
+says nothing, so the band knows how much its axis draws (`AxisBand.draws`), and such windows count as not judged.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import root_scalar
 
-from pido.core.arrays import Array1D, Float1D, Float2D, Int1D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
 from pido.core.errors import FitError
 from pido.monitoring.difficulty import Difficulty, learn_difficulty, means_of, window_features
@@ -67,10 +71,13 @@ Place = tuple[str | None, str | None, int | None]
 
 @dataclass(frozen=True, eq=False)
 class AxisBand:
-    """levels: per place; a block not seen before falls back to its tool, a tool not seen before to the axis."""
+    """levels: per place; a block not seen before falls back to its tool, a tool not seen before to the axis.
+    draws: the largest window mean of the current in the parts that the band was learnt from; a band that reaches as far
+    lets twice of it pass, and says nothing."""
 
     levels: dict[Place, Level]
     threshold: float  # in spreads
+    draws: float  # A
     difficulty: Difficulty | None = None
     lean: Lean | None = None
 
@@ -101,6 +108,12 @@ class Band:
         level, reach = self.axes[axis].level(tool, block, program), self.axes[axis].threshold
         low, high = level.centre - reach * level.spread, level.centre + reach * level.spread
         return lean + factor * low, lean + factor * high
+
+    def says(self, axis: str, reach: Float1D) -> Bool1D:
+        """(n,): whether silence within a band that reaches so far (n,), A, to either side says anything; where nothing
+        is known of the residual (NaN) it does not."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(reach < self.axes[axis].draws)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +165,7 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
             windows[axis] = seen
     if not windows:
         raise FitError("No axis has residuals over a whole window: record at least a few seconds without gaps.")
+    draws = {axis: max(_drawn(part, axis, window_s) for part in parts) for axis in windows}
     leans = {axis: _leans(of_axis) for axis, of_axis in windows.items()}
     states = {axis: _state(of_axis, leans[axis]) for axis, of_axis in windows.items()}
     splits = {axis: _splits(of_axis, leans[axis]) for axis, of_axis in windows.items()}
@@ -177,7 +191,8 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
             for a in group:
                 # One that is nearly always right and seldom far off has a tail that the others' maxima dilute.
                 own = shared if len(group) == 1 else _threshold([splits[a]], blocks, len(parts), chance_of(1), prior)
-                axes[a] = replace(_fit(windows[a], blocks, states[a]), threshold=max(shared, own))
+                fitted = _fit(windows[a], blocks, states[a])
+                axes[a] = replace(fitted, threshold=max(shared, own), draws=draws[a])
         axes = {axis: axes[axis] for axis in windows}
         bands.append(Band(axes, len(parts), tolerate, window_s, blocks))
     return min(bands, key=lambda band: _width(band, windows))
@@ -210,6 +225,13 @@ def _windows(part: PartResiduals, axis: str, window_s: float) -> _Windows:
     wider = 1.0 / np.sqrt(np.where(np.isfinite(mean), share, 1.0))
     features = window_features(part, AXES.index(axis), width)
     return _Windows(mean, part.tool.astype(str), part.block, part.program, features, width, part.rate_hz, wider)
+
+
+def _drawn(part: PartResiduals, axis: str, window_s: float) -> float:
+    """Largest window mean of an axis' recorded current, A; 0 where there is none."""
+    recorded = (part.predicted + part.residual)[:, AXES.index(axis)]
+    mean = window_mean(recorded, window_samples(part.rate_hz, window_s))
+    return float(np.max(np.abs(mean), initial=0.0, where=np.isfinite(mean)))
 
 
 def _splits(parts: Sequence[_Windows], leans: bool) -> list[tuple[Sequence[_Windows], list[_Windows], _State]]:
@@ -274,7 +296,7 @@ def _fit(parts: Sequence[_Windows], blocks: bool, state: _State) -> AxisBand:
             for number, one in zip(numbers, np.split(values[there][order], starts[1:]), strict=True):
                 if number >= 0:
                     levels[(str(tool), str(program), int(number))] = _shrunk(one, 0.5 * len(one), of_tool)
-    return AxisBand(levels, np.inf, *state)
+    return AxisBand(levels, np.inf, 0.0, *state)
 
 
 def _expected(windows: _Windows, state: _State) -> tuple[Float1D, Float1D]:

@@ -73,9 +73,10 @@ def raised(records: Sequence[Record]) -> dict[str, Record]:
 
 
 def unjudged(records: Sequence[Record]) -> set[str]:
-    """Digests of parts that no alarm and no verdict speaks of: their newest says neither good nor what was wrong."""
+    """Digests of parts that no alarm and no verdict speaks of: their newest says neither good nor what was wrong.
+    Bands learn from the others, also where a band was too wide to judge them: by these it narrows."""
     newest = {r["digest"]: r for r in records if r["kind"] == "verdict"}
-    return {digest for digest, record in newest.items() if not record["good"] and not record["alarms"]}
+    return {d for d, record in newest.items() if not record.get("familiar", record["good"]) and not record["alarms"]}
 
 
 def said(records: Sequence[Record]) -> dict[str, Record]:

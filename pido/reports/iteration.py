@@ -74,8 +74,10 @@ def verdict(summary: dict[str, Any]) -> str:
         elif np.isfinite(list(changes.values())).any():
             said += " Generated rows changed it by less than 1 %."
     gate = summary["gate"]
-    return f"{said} The gate {'is passed' if gate.get('passed') else 'is not passed'}: this version " + (
-        "may be approved." if gate.get("passed") else "is not offered for approval."
+    return (
+        f"{said} The gate {'is passed' if gate.get('passed') else 'is not passed'}: this version "
+        + ("may be approved." if gate.get("passed") else "is not offered for approval.")
+        + "".join(f" Warning: a trivial rival has the lower error on {w}." for w in gate.get("warnings", ()))
     )
 
 

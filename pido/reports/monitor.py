@@ -16,7 +16,7 @@ from pido.monitoring.residuals import window_mean, window_samples
 from pido.reports.page import COLOURS, Page, Section, Table, number, signal_figure
 from pido.reports.words import in_words
 from pido.supervision import NO_SAFETY_STOP
-from pido.supervision.part import Judgement, NamedAlarm, not_judged
+from pido.supervision.part import Judgement, NamedAlarm, headline, not_judged
 
 MOST_STRETCHES = 1200
 """Steps drawn per line and axis; each keeps its extremes."""
@@ -60,7 +60,8 @@ def verdict(judgement: Judgement) -> str:
     """In one or two sentences."""
     judged = f"{judgement.verdict.judged:.0%} of its cutting time could be judged ({judgement.model})."
     if judgement.verdict.good:
-        return f"Nothing unusual in this part. {judged}"
+        what = headline(judgement.record())
+        return f"{what[0].upper()}{what[1:]}. {judged}"
     if not judgement.alarms:
         why = not_judged(judgement.verdict, judgement.band)
         return f"Not judged: this part may be good or bad. {why[0].upper()}{why[1:]} ({judgement.model})."

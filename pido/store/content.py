@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import orjson
@@ -16,16 +17,36 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pido.core.arrays import Array1D
+from pido.core.axes import AXES
+from pido.core.columns import CURRENT, TIME
 from pido.core.errors import StoreError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+
+MEASURED = (TIME, *(f"pos_{axis}" for axis in AXES), *CURRENT.values())
+"""What a machine measures, and nobody says or derives: two recordings that are equal in it are one."""
 
 
 def digest(recording: Recording) -> str:
     """sha256, hex. NaN of any kind is one missing value; -0.0 is 0.0."""
     total = hashlib.sha256(b"pido.recording/1\n")
     total.update(_about(recording.part))
-    for name in sorted(recording.columns):
+    _add(total, recording, recording.columns)
+    return total.hexdigest()
+
+
+def signals(recording: Recording) -> str | None:
+    """sha256, hex, over MEASURED alone: the same whatever part.json says of it; None without currents."""
+    present = [name for name in MEASURED if name in recording]
+    if not set(present) & set(CURRENT.values()):
+        return None
+    total = hashlib.sha256(b"pido.signals/1\n")
+    _add(total, recording, present)
+    return total.hexdigest()
+
+
+def _add(total: Any, recording: Recording, names: Iterable[str]) -> None:
+    for name in sorted(names):
         values = recording.columns[name]
         total.update(f"\n{name}\0{len(values)}\0".encode())
         if values.dtype == object:
@@ -34,7 +55,6 @@ def digest(recording: Recording) -> str:
         plain = np.array(values, dtype="<f8") + 0.0
         plain[np.isnan(plain)] = np.nan
         total.update(plain.tobytes())
-    return total.hexdigest()
 
 
 def _about(part: PartInfo) -> bytes:
@@ -59,12 +79,17 @@ def write(recording: Recording, source: str, path: Path) -> None:
     )
 
 
-def read(path: Path, columns: Iterable[str] | None) -> Recording:
-    """The stored recording, only `columns` and time where they are named. Raises StoreError where it cannot be read."""
+def read(path: Path, columns: Iterable[str] | None, missing_ok: bool = False) -> Recording:
+    """The stored recording, only `columns` and time where they are named. Raises StoreError where it cannot be read.
+
+    missing_ok : columns that the part does not have are left out; otherwise they are an error
+    """
     try:
         with pq.ParquetFile(path) as file:
             present = file.schema_arrow.names
             wanted = present if columns is None else ["time", *(c for c in columns if c != "time")]
+            if missing_ok:
+                wanted = [name for name in wanted if name in present]
             if missing := [name for name in wanted if name not in present]:
                 raise StoreError(f"{path}: this part has no column {', '.join(missing)}; it has {', '.join(present)}.")
             about = orjson.loads((file.schema_arrow.metadata or {})[b"pido"])

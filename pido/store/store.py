@@ -14,6 +14,7 @@ content takes it over. SQLite serialises two processes; the second of two equal 
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import sqlite3
@@ -28,6 +29,7 @@ from pido.core.names import file_name
 from pido.core.recording import Recording
 from pido.store import content
 
+log = logging.getLogger(__name__)
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS entries (
     digest TEXT PRIMARY KEY,
@@ -40,6 +42,7 @@ CREATE TABLE IF NOT EXISTS entries (
     UNIQUE (machine, part)
 ) STRICT
 """
+_SIGNALS = "CREATE TABLE IF NOT EXISTS signals (digest TEXT PRIMARY KEY, signals TEXT NOT NULL) STRICT"
 _FIELDS = 'digest, machine, part, "order", start_time_s, samples, source'
 
 
@@ -65,7 +68,8 @@ class Store:
         self._index = self.root / "index.sqlite"
 
     def add(self, recording: Recording, source: str = "") -> Entry:
-        """Keep a recording. Content seen before is found again (`new` is False); nothing is written twice.
+        """Keep a recording. What was seen before is found again (`new` is False); nothing is written twice: the same
+        content, and the same measured samples of the machine, whatever part.json calls them.
 
         Raises StoreError where the machine already has a part of this name with other content.
         """
@@ -73,12 +77,19 @@ class Store:
         part = recording.part
         if (known := self._find(digest)) is not None and self.path(digest).exists():
             return known
+        signals = content.signals(recording)
+        same = self._measured(part.machine, len(recording), signals)
+        if same is not None and same.digest != digest:  # its own file may be gone, and is written again
+            return self._say_same(same, recording)
         self._refuse_other_content(part.machine, part.part, digest)
         self._write(recording, source, self.path(digest))
         row = (digest, part.machine, part.part, part.order, part.start_time_s, len(recording), source)
         with self._connect() as index:
             index.execute("BEGIN IMMEDIATE")
             found = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
+            if found is None and (same := _same(index, part.machine, signals)) is not None:
+                index.execute("ROLLBACK")  # another process was first
+                return self._say_same(same, recording)
             if found is None:
                 try:
                     index.execute(f"INSERT INTO entries ({_FIELDS}) VALUES (?, ?, ?, ?, ?, ?, ?)", row)
@@ -86,8 +97,14 @@ class Store:
                     index.execute("ROLLBACK")
                     self._refuse_other_content(part.machine, part.part, digest)
                     raise
+                if signals is not None:
+                    index.execute("INSERT OR REPLACE INTO signals VALUES (?, ?)", (digest, signals))
             index.execute("COMMIT")
         return Entry(*row, new=True) if found is None else Entry(*found)
+
+    def same(self, recording: Recording) -> Entry | None:
+        """The stored part of this machine with the same measured samples, whatever it is called."""
+        return self._measured(recording.part.machine, len(recording), content.signals(recording))
 
     def entries(self, machine: str | None = None) -> tuple[Entry, ...]:
         """All parts (of one machine) in production order: order, then start time, then digest; unknown ones last."""
@@ -158,6 +175,33 @@ class Store:
             row = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
         return None if row is None else Entry(*row)
 
+    def _measured(self, machine: str, samples: int, signals: str | None) -> Entry | None:
+        """Parts of as many samples that a release before had stored are read once, and only what was measured."""
+        if signals is None or not self._index.exists():
+            return None
+        with self._connect() as index:
+            older = index.execute(
+                "SELECT digest FROM entries WHERE machine = ? AND samples = ? AND digest NOT IN "
+                "(SELECT digest FROM signals)",
+                (machine, samples),
+            ).fetchall()
+            for (digest,) in older:
+                try:
+                    stored = content.read(self.path(digest), content.MEASURED, missing_ok=True)
+                except StoreError as error:
+                    log.warning("%s. Whether an arrival has its samples cannot be said.", error)
+                    continue
+                index.execute("INSERT OR REPLACE INTO signals VALUES (?, ?)", (digest, content.signals(stored) or ""))
+            return _same(index, machine, signals)
+
+    def _say_same(self, same: Entry, recording: Recording) -> Entry:
+        log.warning(
+            "part '%s' of machine '%s' has the samples of '%s' (%s), which is in the store already: it is the same "
+            "recording, whatever its part.json says, and is not learnt from twice",
+            recording.part.part, same.machine, same.part, same.digest[:12],
+        )  # fmt: skip
+        return same
+
     def _refuse_other_content(self, machine: str, part: str, digest: str) -> None:
         if not self._index.exists():
             return
@@ -181,9 +225,20 @@ class Store:
                 index.execute("PRAGMA journal_mode = WAL")
                 index.execute("PRAGMA synchronous = FULL")
                 index.execute(_SCHEMA)
+                index.execute(_SIGNALS)
                 yield index
         except sqlite3.DatabaseError as error:
             raise UnavailableError(f"{self._index}: {error}. If it is damaged, restore it from the backup.") from None
+
+
+def _same(index: sqlite3.Connection, machine: str, signals: str | None) -> Entry | None:
+    fields = ", ".join(f"e.{name}" for name in _FIELDS.split(", "))
+    row = index.execute(
+        f"SELECT {fields} FROM entries e JOIN signals s ON s.digest = e.digest "
+        'WHERE e.machine = ? AND s.signals = ? ORDER BY e."order", e.start_time_s, e.digest LIMIT 1',
+        (machine, signals),
+    ).fetchone()
+    return None if row is None else Entry(*row)
 
 
 def _move(path: Path, place: Path) -> None:

@@ -82,10 +82,14 @@ def recorded(verdict: Verdict, band: Band, alarms: Sequence[NamedAlarm], notes: 
         "good": verdict.good,
         "verdict": outcome(verdict),
         "judged": round(verdict.judged, 4),
+        "too_wide": round(verdict.too_wide, 4),
+        "blind": list(verdict.blind),
+        "familiar": verdict.familiar,
         "unwatched": list(verdict.unwatched),
         "band": {
             "parts": band.parts,
             "threshold": {axis: round(of.threshold, 4) for axis, of in band.axes.items()},
+            "draws": {axis: round(of.draws, 4) for axis, of in band.axes.items()},
             "tolerate": band.tolerate,
             "window_s": band.window_s,
         },
@@ -104,12 +108,18 @@ def headline(record: Mapping[str, Any]) -> str:
 
     >>> headline({"alarms": [], "good": False, "judged": 0.19})
     'not judged: only 19% of it could be'
+    >>> headline({"alarms": [], "good": True, "judged": 0.75, "blind": ["x"]})
+    'nothing unusual on the other axes; not judged: x'
     """
     only = f"only {record['judged']:.0%} of it could be"
+    blind = ", ".join(record.get("blind", ()))
     if record["alarms"]:
         few = f"; {only} judged" if record["judged"] < LEAST_JUDGED else ""
-        return f"{len(record['alarms'])} alarm(s){few}"
-    return "nothing unusual" if record["good"] else f"{NOT_JUDGED}: {only}" if record["judged"] else NOT_JUDGED
+        return f"{len(record['alarms'])} alarm(s){few}{f'; {NOT_JUDGED}: {blind}' if blind else ''}"
+    if record["good"]:
+        return f"nothing unusual on the other axes; {NOT_JUDGED}: {blind}" if blind else "nothing unusual"
+    wide = f"; the band is too wide on {blind}" if blind else ""
+    return f"{NOT_JUDGED}{f': {only}' if record['judged'] else ''}{wide}"
 
 
 def not_judged(verdict: Verdict, band: Band) -> str:
@@ -121,8 +131,15 @@ def not_judged(verdict: Verdict, band: Band) -> str:
     why = []
     if verdict.lost > 0.005:
         why.append(f"for {verdict.lost:.0%} of the part the recording lacks too many values: not judged there")
-    if (unlike := 1.0 - verdict.judged - verdict.lost) > 0.005:
-        why.append(f"{unlike:.0%} of the part is unlike anything that the model was tried on: not judged there")
+    if verdict.unlike > 0.005:
+        why.append(f"{verdict.unlike:.0%} of the part is unlike anything that the model was tried on: not judged there")
+    if verdict.too_wide > 0.005:
+        axes = f", above all {', '.join(verdict.blind)}" if verdict.blind else ""
+        why.append(
+            f"for {verdict.too_wide:.0%} of the part{axes}, the band from {band.parts} part(s) reaches as far as all "
+            "that the axis draws, so a current twice as large could pass: not judged there until more good parts are "
+            "taken in"
+        )
     return "; ".join(why)
 
 

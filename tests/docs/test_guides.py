@@ -39,7 +39,9 @@ def follow(page, folder):
             done = subprocess.run(
                 ["bash", "-ec", command], cwd=folder, env=environment, capture_output=True, text=True, timeout=600
             )
-            assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+            # 3: the limit from the guide's few parts, each another, does not reach a verdict, as the guide says
+            fine = (0, 3) if command.startswith("pido monitor") else (0,)
+            assert done.returncode in fine, f"{command}\n{done.stdout}\n{done.stderr}"
             printed[command] = done.stdout
     return printed
 

@@ -177,3 +177,17 @@ def test_a_quick_trainer_says_of_the_same_rows_the_same_again():
     np.testing.assert_array_equal(train(real, weights)(rows(50, 2)), first(rows(50, 2)))
     np.testing.assert_array_equal(quick_trainer(trees=3)(real, weights)(rows(50, 2)), first(rows(50, 2)))
     assert np.any(other(rows(50, 2)) != first(rows(50, 2)))
+
+
+def test_every_axis_on_which_a_trivial_rival_is_better_is_said_with_both_errors_and_fails_nothing():
+    line = {"friction line": {p: np.array([2.0, 0.378, 2.0, 0.0908]) for p in "ab"}}
+    constant = {p: np.array([3.0, 3.0, 3.0, 3.0]) for p in "ab"}
+    new = {p: np.array([1.0, 0.398, 1.0, 0.130]) for p in "ab"}
+    for champion in ({}, {p: np.array([1.1, 0.5, 1.1, 0.2]) for p in "ab"}):
+        verdict = gate(new, champion, constant, others=line)
+        assert verdict.passed
+        assert verdict.warnings == (
+            "y (friction line 0.378 A beside 0.398 A)", "sp (friction line 0.0908 A beside 0.13 A)"
+        )  # fmt: skip
+        assert all(warning in verdict.words for warning in verdict.warnings)
+    assert gate(new, {}, constant, others={"friction line": constant}).warnings == ()

@@ -1,5 +1,7 @@
 """The band's promises, on residuals whose law is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -73,6 +75,29 @@ def test_watching_sample_by_sample_sees_what_judging_the_whole_part_sees():
     assert watch.verdict("n", verdict.alarms) == verdict
     assert alarms[-1].t_end == times[-1]
     assert times[0] == pytest.approx(alarms[0].t_start + band.window_s - 1 / RATE)
+
+
+def _drawing(part: PartResiduals, amperes: float) -> PartResiduals:
+    """The same deviations from an expected current of so much, on x, y and z."""
+    return replace(part, predicted=part.predicted * amperes)
+
+
+def test_silence_within_a_band_that_reaches_as_far_as_all_that_an_axis_draws_is_no_judgement():
+    rng = np.random.default_rng(5)
+    for draws, blind in ((2.0, ()), (0.05, ("x", "y", "z"))):
+        band = learn([_drawing(_good("g", rng), draws) for _ in range(3)])
+        part = _drawing(_good("n", rng), draws)
+        verdict = judge(part, band)
+        assert not verdict.alarms
+        assert (verdict.blind, verdict.good) == (blind, not blind)
+        assert verdict.judged + verdict.too_wide == pytest.approx(1.0)
+        assert verdict.familiar
+        watch = Watch(band, RATE)
+        for r, tool, block in zip(part.residual, part.tool, part.block, strict=True):
+            watch.push(dict(zip("xyz", r[:3], strict=True)), tool, int(block))
+        assert watch.verdict("n", ()) == verdict
+        beyond = judge(_with_step(part, 9.0, 40.0, 2.0), band)
+        assert [a.axis for a in beyond.alarms] == ["x"]
 
 
 def test_an_axis_without_recording_is_named_as_unwatched():

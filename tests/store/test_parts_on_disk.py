@@ -1,6 +1,7 @@
 import multiprocessing
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import textwrap
@@ -75,10 +76,10 @@ def test_the_digest_sees_every_value_and_every_field():
 
 
 def test_entries_come_in_production_order_however_they_arrived(tmp_path):
-    parts = [_part("c", order=3), _part("d", start_time_s=9.0), _part("a", order=1), _part("e"), _part("b", order=2)]
+    said = [("c", {"order": 3}), ("d", {"start_time_s": 9.0}), ("a", {"order": 1}), ("e", {}), ("b", {"order": 2})]
     store = Store(tmp_path)
-    for part in parts:
-        store.add(part)
+    for seed, (name, about) in enumerate(said):
+        store.add(_part(name, seed=seed, **about))
     assert [e.part for e in store.entries()] == ["a", "b", "c", "d", "e"]
 
 
@@ -159,3 +160,19 @@ def test_a_killed_writer_leaves_only_whole_parts(tmp_path, delay):
         values = np.random.default_rng(k).normal(size=20_000)
         part = Recording(PartInfo(part=f"p{k}", machine="m"), {"time": np.arange(20_000.0), "curr_x": values})
         assert store.add(part).new == (k >= len(entries))
+
+
+def test_the_same_samples_are_one_part_whatever_part_json_says_also_in_a_store_of_an_earlier_release(tmp_path, caplog):
+    store, first = Store(tmp_path), _part("p01", order=1)
+    known = store.add(first)
+    for about in ({"part": "p99"}, {"order": 7}, {"part": "p98", "material": "S235JR"}):
+        again = Recording(first.part.model_copy(update=about), first.columns)
+        assert digest(again) != known.digest
+        assert (store.add(again).digest, store.add(again).new) == (known.digest, False)
+        assert "samples of 'p01'" in caplog.text
+        caplog.clear()
+        with sqlite3.connect(tmp_path / "index.sqlite") as index:
+            index.execute("DROP TABLE signals")
+    assert store.add(_part("p02", seed=1)).new
+    assert store.add(Recording(first.part.model_copy(update={"machine": "other"}), first.columns)).new
+    assert len(store.entries()) == 3

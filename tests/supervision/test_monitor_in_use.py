@@ -105,7 +105,7 @@ def test_judging_the_same_part_again_adds_nothing_to_the_book_and_keeps_its_iden
 def test_judging_a_part_does_not_take_it_into_the_store(plant):
     workspace = Workspace.open(plant / "ws")
     known = Ledger(workspace.ledger).parts(MACHINE)
-    _call("monitor", plant / "good", "-w", plant / "ws")
+    _call("monitor", plant / "good", "-w", plant / "ws", status=3)
     assert Ledger(workspace.ledger).parts(MACHINE) == known
 
 
@@ -315,10 +315,22 @@ def test_silence_about_most_of_a_part_is_no_verdict_and_the_share_is_said(plant,
     assert "unlike anything" in not_judged(verdict, band)
 
 
-def _followed(plant: Path, folder: Path, path: Path) -> list[str]:
+def test_a_band_from_one_part_that_would_let_twice_the_current_pass_does_not_call_a_part_good(plant):
+    call = ["monitor", plant / "good", "-w", plant / "ws"]
+    record = json.loads(_call(*call, "--json", status=3))
+    assert (record["good"], record["verdict"], record["blind"]) == (False, "not judged", ["x", "y", "z", "sp"])
+    assert "reaches as far as all that the axis draws" in record["notes"][-1]
+    assert "the band is too wide on x, y, z, sp" in _call(*call, status=3)
+    page = monitor_page(monitor(Workspace.open(plant / "ws"), str(plant / "good")))
+    assert "as far as all that the axis draws" in page.verdict
+    assert record["digest"] not in Book(Workspace.open(plant / "ws"), MACHINE).unjudged()  # by it the band narrows
+
+
+def _followed(plant: Path, folder: Path, path: Path, status: int = 0) -> list[str]:
     """What is said of a part that was written into this file."""
     _csv(folder, path)
-    return _call("monitor", "--follow", path, "-w", plant / "ws", "--machine", MACHINE, "--idle-s", 0).splitlines()
+    call = ["monitor", "--follow", path, "-w", plant / "ws", "--machine", MACHINE, "--idle-s", 0]
+    return _call(*call, status=status).splitlines()
 
 
 def test_the_next_part_in_a_file_of_the_same_name_is_no_part_of_the_one_that_is_followed(plant, tmp_path):
@@ -332,11 +344,11 @@ def test_the_next_part_in_a_file_of_the_same_name_is_no_part_of_the_one_that_is_
 
     ws = Workspace.open(plant / "ws")
     *_, end = follow_file(ws, live, machine=MACHINE, idle_s=60.0, sleep=recorder, clock=lambda: 0.0)
-    assert (end["samples"], end["verdict"]) == (count, "good")
+    assert (end["samples"], end["verdict"]) == (count, "not judged")
     assert any("the next part is written into it" in note for note in end["notes"])
     *_, end = follow_file(ws, live, machine=MACHINE, idle_s=0.0)
     assert end["verdict"] == "alarms"
-    assert [r["verdict"] for r in Book(ws, MACHINE).records() if r.get("part") == "mill"] == ["good", "alarms"]
+    assert [r["verdict"] for r in Book(ws, MACHINE).records() if r.get("part") == "mill"] == ["not judged", "alarms"]
 
 
 @pytest.mark.parametrize("begins_alike", [True, False])
@@ -348,7 +360,7 @@ def test_alarms_can_be_answered_after_the_next_part_went_into_a_file_of_the_same
     write_folder(Recording(odd.part, {**odd.columns, "curr_x": current}), tmp_path / "odd")
     same_name = tmp_path / f"recording-{begins_alike}.csv"
     name = next(line.split()[0] for line in _followed(plant, tmp_path / "odd", same_name) if "axis x" in line)
-    assert "nothing unusual" in _followed(plant, plant / "good", same_name)[-1]
+    assert "not judged" in _followed(plant, plant / "good", same_name, status=3)[-1]
     said = _call("monitor", "answer", name, "--true", "--by", "ann", "--reason", "chips", "-w", plant / "ws")
     assert f"part {same_name.stem}, axis x" in said
     book = Book(Workspace.open(plant / "ws"), MACHINE)
