@@ -238,10 +238,7 @@ def _catches_up(gap: Float1D, last: int, lost: float) -> bool:
 
 
 def _let_go(pos: Float1D, gap: Float1D, bad: Bool1D) -> Bool1D:
-    """(n,) - identical positions before a jump that gives back what they lost: they were wrong, not what follows.
-
-    bad : (n - 1,) - steps that jump
-    """
+    """(n,) - identical positions before a `bad` step that gives back what they lost: these are wrong, not the rest."""
     out = np.zeros(len(pos), bool)
     stood = np.diff(pos) == 0
     begins = np.flatnonzero(stood & ~np.r_[False, stood[:-1]])
