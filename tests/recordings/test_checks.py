@@ -126,6 +126,12 @@ def test_an_angle_of_the_spindle_and_derived_accelerations_are_no_evidence():
     assert [f.column for f in slipped if f.kind == "unit_slip"] == ["time"]
 
 
+@pytest.mark.parametrize("without", [(), (*POSITIONS, "pos_sp")])
+def test_accelerations_that_one_filter_made_smaller_are_no_time_of_another_clock(without):
+    smaller = _scaled(([*CHANGES, "a_sp"], 0.85), without=without)
+    assert [f.column for f in check(smaller) if f.kind == "unit_slip"] == []
+
+
 def test_explanations_as_good_as_one_another_are_all_named():
     """Without accelerations and spindle: positions in m, or time in ms; either is a mill at 1 Hz or 1 kHz."""
     spindle = [name for name in _good().columns if name.endswith("_sp")]
