@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pido.core.recording import Recording
 from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhythms
 from pido.diagnosis.identify import Answer, confirm, noise_of, seen_slowly, select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -28,6 +27,12 @@ def test_a_force_over_an_interval_is_found_in_its_part_and_stays_there(level, be
     seen = [found.regressors(state).any() for state in mismatch.states]
     assert seen == [False, True, False]
     assert found.conditions("x", {})[0].startswith("x axis, over single intervals")
+
+
+def resting(recording, at):
+    """The part with x at rest in some rows: its position and acceleration say so, too."""
+    v = np.where(at, 0.0, recording["v_x"])
+    return recording.with_columns(v_x=v, pos_x=np.cumsum(v) * 0.02, a_x=np.gradient(v, recording.time))
 
 
 FORCES = (("p0", 3.0, 10.0, 0.1), ("p0", 20.0, 23.0, 0.12), ("p1", 7.0, 11.0, -0.12), ("p1", 12.5, 20.0, 0.1))
@@ -119,13 +124,8 @@ def test_noise_that_wanders_more_slowly_than_its_model_has_no_events(tau, size, 
 
 @pytest.mark.parametrize("level", [0.0, 0.6])
 def test_noise_that_is_slow_at_standstill_makes_no_events_and_hides_no_large_one(level):
-    def rests(recording):
-        t = recording["time"]
-        columns = {name: recording[name] * (t % 8.0 < 4.0 if name == "v_x" else 1.0) for name in recording.columns}
-        return Recording(recording.part, columns)
-
     rng = np.random.default_rng(3)
-    states = axis_states([rests(r) for r in recordings()], "x")
+    states = axis_states([resting(r, r.time % 8.0 >= 4.0) for r in recordings()], "x")
     slow = [np.convolve(rng.normal(0, 0.15, len(s.time) + 49), np.ones(50) / np.sqrt(50), "valid") for s in states]
     event = [level * ((s.part == "p1") & (s.time >= 20.5) & (s.time < 23.5)) for s in states]
     targets = [
@@ -155,12 +155,8 @@ def test_a_level_that_few_others_are_there_to_compare_with_has_to_be_the_clearer
 
 @pytest.mark.parametrize(("begin", "end", "found"), [(12.0, 16.0, False), (12.8, 15.0, True), (9.0, 15.0, True)])
 def test_what_stays_from_a_stop_to_the_next_motion_is_no_force(begin, end, found):
-    def rests(recording):
-        t = recording["time"]
-        return recording.with_columns(v_x=np.where((t >= 12.0) & (t < 16.0), 0.0, recording["v_x"]))
-
     rng = np.random.default_rng(3)
-    states = axis_states([rests(r) for r in recordings()], "x")
+    states = axis_states([resting(r, (r.time >= 12.0) & (r.time < 16.0)) for r in recordings()], "x")
     level = [0.3 * ((s.part == "p1") & (s.time >= begin) & (s.time < end)) for s in states]
     mismatch = lay_out(states, [e + rng.normal(0, NOISE, len(s.time)) for s, e in zip(states, level, strict=True)])
     noise = white(mismatch)

@@ -221,7 +221,9 @@ with get_client(sync_client=True) as client:
     assert paths == ["part 7", "part 8", "part 6"], f"no machine's queue holds up another's: {paths}"
     clock[0], brief = 100.0, others[3]
     client.set_flow_run_state(all_runs()[-1].id, Completed(), force=True)
-    asked_for = lambda: [run.parameters["patient"] for run in all_runs() if run.parameters["path"] == str(brief.path)]
+    def asked_for():
+        ours = [run.parameters for run in all_runs() if run.parameters.get("path") == str(brief.path)]
+        return [each["patient"] for each in ours]
     look([brief])
     assert asked_for() == [True], "a copy that paused is looked at once, and left"
     look([Arrived(brief.path, brief.digest, 60.0)])
