@@ -151,8 +151,10 @@ def _groups(seen: Sequence[_Seen]) -> list[list[_Seen]]:
 
 
 def _common_factors(seen: Sequence[_Seen]) -> list[float]:
-    """What time may be off by: a factor on which two ratios or more agree, and that is not 1. If it is that of no unit, a
-    position has to say so as well: accelerations may all have passed one filter, or be scaled by one gain."""
+    """What time may be off by: a factor on which two ratios or more agree, and that is not 1.
+
+    If it is that of no unit, a position has to say so as well: accelerations may all have passed one filter.
+    """
     moved = [one.speed for one in seen if one.speed is not None]
     ratios = np.array([r for one in seen for r in one.ratios()])
     factors: list[float] = []
