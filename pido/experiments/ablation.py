@@ -120,9 +120,7 @@ def summarise(table: pd.DataFrame) -> Outcome:
         verdict,
         (
             *((printed,) if set(PRINTED) & set(table.variant) else ()),
-            Shown(
-                "Counts (figure 32)", number, ("Cells: scenario, step, space and axis, paired over repeats.", BASELINES)
-            ),
+            Shown("Counts (figure 32)", number, (CELLS, BASELINES)),
             Shown("Mean of the axes per step (figures 28, 29)", by_step(mean), (STARS, BASELINES)),
             Shown("Per axis and step (figures 30, 31)", by_step(whole), (STARS,)),
             Shown("All errors", means(table[table.space == "C"])),

@@ -16,7 +16,7 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES
-from pido.monitoring.band import Band, expected_in, scales, standardise
+from pido.monitoring.band import Band, expected_in, standardise
 from pido.monitoring.difficulty import features_of
 from pido.monitoring.residuals import LEAST_THERE, PartResiduals, window_samples, window_share
 
@@ -88,22 +88,22 @@ def judge(part: PartResiduals, band: Band) -> Verdict:
     width = window_samples(part.rate_hz, band.window_s)
     counts: dict[str, _Count] = {}
     for axis in watched:
-        z, reach = standardise(part, axis, band), band.axes[axis].threshold * scales(part, axis, band)[1]
+        (z, spread), threshold = standardise(part, axis, band), band.axes[axis].threshold
         residual = part.residual[:, AXES.index(axis)]
         there, share = np.isfinite(residual), window_share(residual, width, part.due)
         due = there if part.due is None else part.due
         with np.errstate(invalid="ignore"):
-            outside = np.abs(z) > band.axes[axis].threshold
+            outside = np.abs(z) > threshold
         known = np.isfinite(z)
         counts[axis] = _Count(
             windows=int(np.isfinite(share).sum()),
-            judged=int((known & (outside | band.says(axis, reach))).sum()),
+            judged=int((known & (outside | band.says(axis, threshold * spread))).sum()),
             known=int(known.sum()),
             lost=int((share < LEAST_THERE).sum()),
             due=int(due.sum()),
             there=int(there.sum()),
         )
-        alarms += [_alarm(part, axis, run, z, band) for run in _runs(outside, width)]
+        alarms += [_alarm(part, axis, run, z, spread, width) for run in _runs(outside, width)]
     alarms.sort(key=lambda a: a.t_start)
     return _verdict(part.part, alarms, counts)
 
@@ -228,11 +228,9 @@ def _runs(outside: Bool1D, join: int) -> list[slice]:
     return [slice(*run) for run in runs]
 
 
-def _alarm(part: PartResiduals, axis: str, run: slice, z: Float1D, band: Band) -> Alarm:
-    width = window_samples(part.rate_hz, band.window_s)
+def _alarm(part: PartResiduals, axis: str, run: slice, z: Float1D, spread: Float1D, width: int) -> Alarm:
     worst = run.start + int(np.nanargmax(np.abs(z[run])))
     tool, block = str(part.tool[worst]), int(part.block[worst])
-    spread = scales(part, axis, band)[1][worst]
     first = max(0, run.start - width + 1)
     return Alarm(
         part=part.part,
@@ -241,6 +239,6 @@ def _alarm(part: PartResiduals, axis: str, run: slice, z: Float1D, band: Band) -
         t_end=float(part.time[run.stop - 1]),
         tool=tool,
         block=block,
-        size_a=float(z[worst] * spread),
+        size_a=float(z[worst] * spread[worst]),
         spreads=float(z[worst]),
     )

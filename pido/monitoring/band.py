@@ -198,24 +198,19 @@ def learn(parts: Sequence[PartResiduals], tolerate: float = 1.0, window_s: float
     return min(bands, key=lambda band: _width(band, windows))
 
 
-def standardise(part: PartResiduals, axis: str, band: Band) -> Float1D:
-    """(n,): window means of the residual in spreads of their own place and state; NaN where there is no whole
-    window, or the part is too far from anything that was seen."""
+def standardise(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D]:
+    """(n,): window means of the residual in spreads of their own place and state, and (n,), A, these spreads; NaN where
+    there is no whole window, or the part is too far from anything that was seen."""
     return _standardised(_windows(part, axis, band.window_s), band.axes[axis])
 
 
 def corridor(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D]:
     """(n,), (n,), A: lowest and highest current whose window mean would pass, around the prediction."""
     windows = _windows(part, axis, band.window_s)
-    centre, spread = scales(part, axis, band)
+    centre, spread = _scales(windows, band.axes[axis])
     said = window_mean(part.predicted[:, AXES.index(axis)], windows.width, part.due)
     reach = band.axes[axis].threshold
     return said + centre - reach * spread, said + centre + reach * spread
-
-
-def scales(part: PartResiduals, axis: str, band: Band) -> tuple[Float1D, Float1D]:
-    """(n,), (n,), A: centre and spread of the window that ends at each sample."""
-    return _scales(_windows(part, axis, band.window_s), band.axes[axis])
 
 
 def _windows(part: PartResiduals, axis: str, window_s: float) -> _Windows:
@@ -346,9 +341,9 @@ def _scales(windows: _Windows, axis: AxisBand) -> tuple[Float1D, Float1D]:
     return expected + centre[which.ravel()] * factor, spread[which.ravel()] * factor * windows.wider
 
 
-def _standardised(windows: _Windows, axis: AxisBand) -> Float1D:
+def _standardised(windows: _Windows, axis: AxisBand) -> tuple[Float1D, Float1D]:
     centre, spread = _scales(windows, axis)
-    return (windows.mean - centre) / spread
+    return (windows.mean - centre) / spread, spread
 
 
 def _width(band: Band, windows: dict[str, list[_Windows]]) -> float:
@@ -378,7 +373,7 @@ def _threshold(
         for judged, others, state in of_axis:
             fitted = _fit(others, blocks, state)
             for part in judged:
-                z = np.abs(_standardised(part, fitted))
+                z = np.abs(_standardised(part, fitted)[0])
                 stretch = max(1, round(part.rate_hz * STRETCH_S))
                 pieces = np.array_split(z, max(1, len(z) // stretch))
                 own = [float(np.nanmax(piece)) for piece in pieces if np.isfinite(piece).any()]

@@ -154,6 +154,11 @@ def missing(verdict: Verdict) -> str:
     )
 
 
+def doubts(verdict: Verdict, band: Band) -> list[str]:
+    """Which values the recording lacks, and what could not be judged: the notes of a verdict."""
+    return [words for words in (missing(verdict), not_judged(verdict, band)) if words]
+
+
 def named(one: NamedAlarm) -> dict[str, Any]:
     """An alarm as plain values; what was said of it is in the book already."""
     a = one.alarm
@@ -202,7 +207,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
         for a in verdict.alarms
         for name in [alarm_id(machine, digest, a)]
     )
-    notes += [words for words in (missing(verdict), not_judged(verdict, band)) if words]
+    notes += doubts(verdict, band)
     return Judgement(recording.part.part, digest, machine, expect.model, verdict, alarms, band, residuals, tuple(notes))
 
 

@@ -43,7 +43,7 @@ from pido.process.quantities import area_removal
 from pido.process.samples import engaged, may_be_engaged
 from pido.supervision.book import Book, alarm_id
 from pido.supervision.growing import Growing, blocks
-from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, missing, named, not_judged, recorded
+from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, doubts, named, recorded
 from pido.supervision.residuals import Said, support
 from pido.workspace import Workspace
 
@@ -201,10 +201,7 @@ def follow_file(
     yield from stream.end()
     verdict = stream.verdict()
     ending = f"{path}: the next part is written into it; this one ended there. Follow it again for the next one."
-    new_notes = [
-        *([ending] if file.replaced else []),
-        *(words for words in (missing(verdict), not_judged(verdict, band)) if words),
-    ]
+    new_notes = [*([ending] if file.replaced else []), *doubts(verdict, band)]
     for note in new_notes:
         log.warning("%s", note)
     notes = [*expect.notes, *new_notes]

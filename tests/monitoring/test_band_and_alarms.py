@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from pido.core.errors import FitError
 from pido.monitoring.alarms import Watch, judge
-from pido.monitoring.band import learn, scales
+from pido.monitoring.band import learn, standardise
 from pido.monitoring.residuals import PartResiduals
 
 RATE = 50.0
@@ -154,8 +154,8 @@ def test_a_mean_of_fewer_values_has_a_band_wider_by_the_root_of_their_share():
     band = learn([_good("g", rng) for _ in range(3)])
     part = _good("n", rng)
     width = round(RATE * band.window_s)
-    whole = scales(part, "x", band)[1][width]
-    fewer = scales(_lacking(part, 0, np.arange(len(part.time)) % 5 == 0), "x", band)[1][width]
+    whole = standardise(part, "x", band)[1][width]
+    fewer = standardise(_lacking(part, 0, np.arange(len(part.time)) % 5 == 0), "x", band)[1][width]
     assert fewer == pytest.approx(whole / np.sqrt(0.8))
 
 
