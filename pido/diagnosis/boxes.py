@@ -161,7 +161,14 @@ class Grid:
 
     def pieces(self, values: Float32) -> Iterator[Float32]:
         """The same, some boxes after others: all of a fine grid at once take gigabytes."""
-        groups = np.add.reduceat(values[:, self.order], self.first, axis=1)
+        yield from self.pieces_of(self.groups(values))
+
+    def groups(self, values: Float32) -> Float32:
+        """(k, n) -> (k, groups): sums over the rows of each group."""
+        return np.add.reduceat(values[:, self.order], self.first, axis=1)
+
+    def pieces_of(self, groups: Float32) -> Iterator[Float32]:
+        """(k, groups) -> (k, boxes), some boxes after others: sums over the groups of each box."""
         for each in self.lattices:
             yield from each.pieces(groups)
 
@@ -282,23 +289,39 @@ def _values(mismatch: Mismatch, variable: str) -> Float1D | None:
     return values if np.ptp(values) > 0 else None
 
 
-def gains_of_each(grid: Grid, rows: Float32, residual: Float32, sign: Float1D) -> Float32:
+def gains_of_each(grid: Grid, rows: Float32, residual: Float32, sign: Float1D, own: Float32) -> Float32:
     """(k, boxes) – what each row by itself would take away in each box; nothing with an amplitude of the wrong sign.
 
-    rows : (k, n) and residual : (n,), whitened; sign : (k,) – of the amplitude, 0 where it may have any
+    rows : (k, n), whitened, of unit length; residual : (n,), whitened; sign : (k,) – of the amplitude, 0 where it may
+    have any; own : (k, groups) – `own_products` of each row
     """
-    rows = _of_unit_length(rows)
-    inner, own = grid.sums(rows * residual), grid.sums(rows**2)
+    inner, power = grid.sums(rows * residual), np.concatenate(list(grid.pieces_of(own)), axis=1)
     right = inner * np.asarray(sign, np.float32)[:, None] >= 0
-    return np.divide(inner**2, own, out=np.zeros_like(own), where=right & (own > _THERE))
+    return np.divide(inner**2, power, out=np.zeros_like(power), where=right & (power > _THERE))
 
 
-def gains_together(grid: Grid, rows: Float32, residual: Float32) -> Float32:
-    """(boxes,) – what all `rows` (k, n), whitened, would take away together in each box."""
-    rows, k = _of_unit_length(rows), len(rows)
-    pairs = list(itertools.combinations_with_replacement(range(k), 2))
-    products = np.concatenate([rows * residual, *((rows[i] * rows[j])[None] for i, j in pairs)])
-    return np.concatenate([_gain_of(sums, k, pairs) for sums in grid.pieces(products)])
+def gains_together(grid: Grid, rows: Float32, residual: Float32, own: Float32) -> Float32:
+    """(boxes,) – what all `rows` would take away together in each box.
+
+    rows : (k, n), whitened, of unit length; residual : (n,), whitened; own : (pairs, groups) – `own_products` of them
+    """
+    groups = np.concatenate([grid.groups(rows * residual), own])
+    return np.concatenate([_gain_of(sums, len(rows), _pairs(len(rows))) for sums in grid.pieces_of(groups)])
+
+
+def own_products(grid: Grid, rows: Float32) -> Float32:
+    """(pairs, groups) – products of every row, (k, n), with itself and those after it, summed over the groups."""
+    return grid.groups(np.array([rows[i] * rows[j] for i, j in _pairs(len(rows))]))
+
+
+def of_unit_length(rows: Float32) -> Float32:
+    """(k, n) – rows of zeros stay as they are."""
+    length = np.sqrt(np.einsum("ij,ij->i", rows, rows))
+    return (rows / np.where(length > 0, length, 1.0)[:, None]).astype(np.float32, copy=False)
+
+
+def _pairs(k: int) -> list[tuple[int, int]]:
+    return list(itertools.combinations_with_replacement(range(k), 2))
 
 
 def _gain_of(sums: Float32, k: int, pairs: list[tuple[int, int]]) -> Float32:
@@ -352,8 +375,3 @@ def gains_of_intervals(
     )
     gain[inner[:, 0] * sign < 0] = 0.0
     return first, last, gain
-
-
-def _of_unit_length(rows: Float32) -> Float32:
-    length = np.sqrt(np.einsum("ij,ij->i", rows, rows))
-    return (rows / np.where(length > 0, length, 1.0)[:, None]).astype(np.float32, copy=False)

@@ -254,20 +254,16 @@ def _step(state: AxisState) -> float:
 
 def _answer(u: Float1D, w: float, zeta: float, dt: float) -> Float2D:
     """(n, 2) – what k_s and k_v of a `Ringing` count for."""
-    below = (1.0, 2 * zeta * w, w * w)
-    return np.column_stack([_filtered(above, below, u, dt) for above in ((-1.0, -2 * zeta * w, 0.0), (w, 0.0))])
-
-
-def _filtered(above: tuple[float, ...], below: tuple[float, ...], u: Float1D, dt: float) -> Float1D:
-    """The answer of a linear system to a sampled signal."""
-    return np.asarray(dsp.lfilter(*_sampled(above, below, dt), u))
+    above, below = _sampled(w, zeta, dt)
+    return np.column_stack([dsp.lfilter(a, below, u) for a in above])
 
 
 @lru_cache(maxsize=64)
-def _sampled(above: tuple[float, ...], below: tuple[float, ...], dt: float) -> tuple[Float1D, Float1D]:
-    """Coefficients of a linear system whose input is drawn straight between samples; every part has the same."""
+def _sampled(w: float, zeta: float, dt: float) -> tuple[Float2D, Float1D]:
+    """Coefficients of both answers, whose input is drawn straight between samples; every part has the same."""
+    above, below = ((-1.0, -2 * zeta * w, 0.0), (0.0, w, 0.0)), (1.0, 2 * zeta * w, w * w)
     # scipy's answer has a type of its own for every sort of system.
     numerator, denominator, _ = cast(
         "tuple[Float2D, Float1D, float]", dsp.cont2discrete((above, below), dt, method="foh")
     )
-    return np.ravel(numerator), denominator
+    return numerator, denominator

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
@@ -210,20 +210,20 @@ class Modulated(Late):
 
 @dataclass(frozen=True, eq=False)
 class Lately:
-    """How quantities have been lately, at the averages of a residual; each is made once.
+    """How quantities have been lately, in the rows of averages (`Coarse`), (m,); each is made once.
 
-    known : `common_signals` of the mismatch; few : what is left, as averages
+    known : `common_signals` of the mismatch
     """
 
     mismatch: Mismatch
     known: Known
-    few: Coarse
+    rows: Int1D
     _made: dict[tuple[str, str, float], Float1D] = field(default_factory=dict)
 
     @cached_property
     def values(self) -> dict[str, Float1D]:
         """The quantities as they are at once."""
-        return {n: v[self.few.rows] for n, (v, _) in self.known.items()}
+        return {n: v[self.rows] for n, (v, _) in self.known.items()}
 
     def of(self, name: str, form: str, tau: float) -> Float1D:
         """(m,) – a form of a quantity, tau seconds late."""
@@ -233,12 +233,15 @@ class Lately:
 
     def late(self, rows: Float1D, tau: float) -> Float1D:
         """(m,) – anything, (n,), tau seconds late."""
-        return _late_in_parts(rows, self.mismatch, tau)[self.few.rows]
+        return _late_in_parts(rows, self.mismatch, tau)[self.rows]
 
 
-def late_terms(lately: Lately) -> list[Term]:
-    """Every law that acts late, and the best of those that are modulated, each with its best times of those tried."""
-    mismatch, known, few = lately.mismatch, lately.known, lately.few
+def late_terms(lately: Lately, few: Coarse) -> list[Term]:
+    """Every law that acts late, and the best of those that are modulated, each with its best times of those tried.
+
+    few : what is left, as averages
+    """
+    mismatch, known = lately.mismatch, lately.known
     does = [_what_it_does(s) for s in mismatch.states]
     states = {n: np.concatenate([d[n] for d in does])[few.rows] for n in ("cutting", "moving")}
     values = lately.values | states

@@ -15,7 +15,7 @@ import numpy as np
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.arms import Arm
-from pido.diagnosis.flexible import price
+from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.late import HEAT_S, LONGEST_S, TIMES_S, Behind, Lagged, Late, Lately, Values, causes
 from pido.diagnosis.mechanisms.base import Parameter
@@ -118,9 +118,12 @@ class Warped(Late):
         return f"in proportion to how far from somewhere {self.place} is, {lately}", ()
 
 
-def late_arms(lately: Lately) -> list[Term]:
-    """The best of all laws that are late and grow along a way, each with its best time of those tried."""
-    axis, known, few = lately.mismatch.axis, lately.known, lately.few
+def late_arms(lately: Lately, few: Coarse) -> list[Term]:
+    """The best of all laws that are late and grow along a way, each with its best time of those tried.
+
+    few : what is left, as averages
+    """
+    axis, known = lately.mismatch.axis, lately.known
 
     def columns(law: LaggedArm | Warped, tau: float) -> Float2D:
         if isinstance(law, Warped):

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from pido.core.arrays import Array2D, Bool1D, Float1D, Float2D
-from pido.diagnosis.boxes import Space, space_of
+from pido.diagnosis.boxes import Space, of_unit_length, own_products, space_of
 from pido.diagnosis.gates import inside
+from pido.diagnosis.ground import Ground
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
@@ -74,7 +75,16 @@ class Library:
         self.everywhere = lru_cache(_REMEMBERED)(lambda term: term.columns(mismatch.states))
         self.inside = lru_cache(_REMEMBERED)(lambda gate: np.concatenate([inside(s, (gate,)) for s in mismatch.states]))
         self.varies: list[bool] = []  # whether a term takes more than one value
-        rows, spans, first = [], [], 0
+        self.spans: list[tuple[int, int]] = []
+        self.rows = np.zeros((0, mismatch.n), np.float32)
+        # Of laws without a name, under one noise: what they are looked for from, and those found beside nothing.
+        self.ground: Ground | None = None
+        self.nameless: tuple[Noise, list[Score]] | None = None
+        self.take(terms)
+
+    def take(self, terms: Sequence[Term]) -> None:
+        """Take in more terms; all are to be whitened then."""
+        mismatch, lag, rows, first = self.mismatch, self.lag, [self.rows], len(self.rows)
         counted = None if mismatch.usable.all() else np.flatnonzero(mismatch.usable)
         for term in (t.behind(lag) for t in terms):
             columns = _used(term, term.columns(mismatch.states).astype(np.float32))
@@ -85,10 +95,9 @@ class Library:
             rows.append(columns)
             self.terms.append(term)
             self.varies.append(bool(np.any(most > least)))
-            spans.append((first, first + len(columns)))
+            self.spans.append((first, first + len(columns)))
             first += len(columns)
-        self.spans = spans
-        self.rows = np.concatenate(rows) if rows else np.zeros((0, mismatch.n), np.float32)
+        self.rows = np.concatenate(rows)
         # What a friction does at rest makes it no other law: a claim of friction is not charged for it.
         tried = {(t.name, tuple(p for p in t.shape if p[0] != "rest")) for t in self.terms}
         self.tries = Counter(name for name, _ in tried)
@@ -97,7 +106,6 @@ class Library:
         self._own = np.zeros(0)
         self._single = np.zeros(0, bool)
         self.noise: Noise | None = None
-        self.nameless: tuple[Noise, list[Score]] | None = None  # laws without a name beside nothing, under that noise
 
     @cached_property
     def space(self) -> Space | None:
@@ -111,21 +119,27 @@ class Library:
         return self.noise.matrix()
 
     @cached_property
-    def of_themselves(self) -> Array2D:
-        """The whitened rows without what came before them (see the function)."""
+    def of_themselves(self) -> NDArray[np.float32]:
+        """The whitened rows without what came before them (see the function), of unit length."""
         assert self.noise is not None
         out = np.empty_like(self.rows)
         for i in range(0, len(self.rows), _CHUNK):
             some = slice(i, i + _CHUNK)
-            out[some] = of_themselves(self.noise, self.whitened[some], self.rows[some])
+            out[some] = of_unit_length(of_themselves(self.noise, self.whitened[some], self.rows[some]))
         return out
+
+    @cached_property
+    def in_groups(self) -> list[NDArray[np.float32]]:
+        """Per term, (pairs, groups): `own_products` of its rows of themselves, over the groups of the coarse grid."""
+        assert self.space is not None
+        return [own_products(self.space.coarse, self.of_themselves[i:j]) for i, j in self.spans]
 
     def whiten(self, noise: Noise) -> None:
         """From now on, under this noise."""
         if noise is self.noise:
             return
         self.noise = noise
-        for remembered in ("whitening", "of_themselves"):
+        for remembered in ("whitening", "of_themselves", "in_groups"):
             self.__dict__.pop(remembered, None)
         self.whitened = np.empty_like(self.rows)
         for i in range(0, len(self.rows), _CHUNK):

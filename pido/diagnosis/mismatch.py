@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -76,12 +77,12 @@ class Mismatch:
     def parts(self) -> tuple[str, ...]:
         return tuple(s.part for s in self.states)
 
-    @property
+    @cached_property
     def step(self) -> float:
         """s – between two rows of a part."""
         return float(np.median(np.diff(self.states[0].time)))
 
-    @property
+    @cached_property
     def edges(self) -> Int1D:
         """(p + 1,) – first row of each part, and n."""
         return np.r_[0, np.cumsum([len(s.time) for s in self.states])]

@@ -12,9 +12,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.arms import Arm, arm_of
@@ -42,25 +44,55 @@ def gains_by_averages(offered: Sequence[Formula], known: Known, few: Coarse) -> 
     return list(zip(offered, gain[first, second].tolist(), strict=True))
 
 
-def quick_laws(axis: str, known: Known, noise: Noise, residual: Float1D, seed: int = 0) -> list[Formula | Arm]:
-    """The formulas and arms of one axis that take away most of the whitened rows of a residual, (n,) in A."""
-    offered = formulas(known)
-    factors, first, second = _factors_of(offered)
-    rows = _rows(factors, known, len(residual)).astype(np.float32)
-    whitening = noise.matrix()
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (_SIGNS, len(residual)))
+@dataclass(frozen=True, eq=False)
+class QuickLaws:
+    """The formulas and arms of one axis, by what they take away from whitened rows.
 
-    def inner(whitened: Float1D) -> _Matrix:
+    known : `common_signals` of the axis, (n,) each; seed : of the random signs
+    """
+
+    axis: str
+    known: Known
+    noise: Noise
+    seed: int = 0
+
+    @cached_property
+    def _offered(self) -> list[Formula]:
+        return formulas(self.known)
+
+    @cached_property
+    def _factors(self) -> tuple[list[tuple[str, str] | None], list[int], list[int]]:
+        return _factors_of(self._offered)
+
+    @cached_property
+    def _rows(self) -> NDArray[np.float32]:
+        return _rows(self._factors[0], self.known, len(self.noise.valid)).astype(np.float32)
+
+    @cached_property
+    def _whitening(self) -> csr_array:
+        return self.noise.matrix()
+
+    @cached_property
+    def _signs(self) -> _Matrix:
+        """(signs, factors, factors) – of every product, whitened, with random columns of signs."""
+        signs = np.random.default_rng(self.seed).choice([-1.0, 1.0], (_SIGNS, len(self.noise.valid)))
+        return np.array([self._inner(s) for s in signs])
+
+    def _inner(self, whitened: Float1D) -> _Matrix:
         """(factors, factors) – of every product, whitened, with a column that is."""
-        return ((rows * (whitening.T @ whitened).astype(np.float32)) @ rows.T).astype(float)
+        weights = (self._whitening.T @ whitened).astype(np.float32)
+        return ((self._rows * weights) @ self._rows.T).astype(float)
 
-    products = _Sketch(inner(whitening @ residual), np.array([inner(s) for s in signs]))
-    best = [offered[k] for k in _ranked(products.gains(first, second))[:_QUICK]]
-    both = [pair for f in offered if len(f.factors) > 1 for pair in (f.factors, f.factors[::-1])]
-    at = {f: i for i, f in enumerate(factors)}
-    ranked = _ranked(products.gains_beside([at[u] for u, _ in both], [at[w] for _, w in both]))
-    arms = (arm_of(axis, known, *both[k]) for k in ranked)
-    return [*best, *itertools.islice((arm for arm in arms if arm is not None), _QUICK)]
+    def best(self, residual: Float1D) -> list[Formula | Arm]:
+        """Those that take away most of a residual, (n,) in A."""
+        factors, first, second = self._factors
+        products = _Sketch(self._inner(self._whitening @ residual), self._signs)
+        best = [self._offered[k] for k in _ranked(products.gains(first, second))[:_QUICK]]
+        both = [pair for f in self._offered if len(f.factors) > 1 for pair in (f.factors, f.factors[::-1])]
+        at = {f: i for i, f in enumerate(factors)}
+        ranked = _ranked(products.gains_beside([at[u] for u, _ in both], [at[w] for _, w in both]))
+        arms = (arm_of(self.axis, self.known, *both[k]) for k in ranked)
+        return [*best, *itertools.islice((arm for arm in arms if arm is not None), _QUICK)]
 
 
 def _ranked(gains: Float1D) -> Int1D:

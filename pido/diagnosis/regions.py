@@ -25,6 +25,8 @@ from pido.diagnosis.boxes import (
     gains_of_intervals,
     gains_together,
     grid_at,
+    of_unit_length,
+    own_products,
     some_of,
 )
 from pido.diagnosis.formulas import LEVEL
@@ -110,8 +112,8 @@ def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> S
     """The same term in the box of a fine grid in which it takes away most, all limits at once, if that is better."""
     assert library.noise is not None
     plain = library.columns(replace(score.term, gates=())).astype(np.float32)
-    rows = of_themselves(library.noise, library.noise.whiten(plain), plain)
-    gain = _gains(library, score.term, fine, rows, current.residual32)
+    rows = of_unit_length(of_themselves(library.noise, library.noise.whiten(plain), plain))
+    gain = _gains(library, score.term, fine, rows, current.residual32, own_products(fine, rows))
     box = int(np.argmax(_worth(current, gain, _charge_of_limits(library, current, fine))))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
     return score if found is None else min(score, found, key=_price)
@@ -161,26 +163,30 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
     # everywhere, too; within a box it is something that no mechanism of the catalogue says.
     open_ = [
-        (term, (i, j))
-        for term, (i, j), varies in zip(library.terms, library.spans, library.varies, strict=True)
+        (k, term, library.of_themselves[i:j])
+        for k, (term, (i, j), varies) in enumerate(zip(library.terms, library.spans, library.varies, strict=True))
         if term.name not in taken
         and term.mechanism.kind != "data_fault"
         and term.mechanism.id not in _REGIONS
         and varies
     ]
-    singles = [(t, i) for t, (i, j) in open_ if j == i + 1 and _never_limits(library, t) is None]
-    for k in range(0, len(singles), _CHUNK):
-        some = singles[k : k + _CHUNK]
-        which = [i for _, i in some]
-        rows = library.of_themselves[which]
-        signs = np.array([_sign(library, t) for t, _ in some])
-        yield from zip((t for t, _ in some), gains_of_each(grid, rows, residual, signs), strict=True)
-    for term, (i, j) in open_:
-        if j > i + 1 or _never_limits(library, term) is not None:
-            yield term, _gains(library, term, grid, library.of_themselves[i:j], residual)
+    coarse = library.space is not None and grid is library.space.coarse
+
+    def own(k: int, rows: Float32) -> Float32:
+        return library.in_groups[k] if coarse else own_products(grid, rows)
+
+    singles = [each for each in open_ if len(each[2]) == 1 and _never_limits(library, each[1]) is None]
+    for first in range(0, len(singles), _CHUNK):
+        which, terms, rows = zip(*singles[first : first + _CHUNK], strict=True)
+        signs = np.array([_sign(library, t) for t in terms])
+        power = np.concatenate([own(k, row) for k, row in zip(which, rows, strict=True)])
+        yield from zip(terms, gains_of_each(grid, np.concatenate(rows), residual, signs, power), strict=True)
+    for k, term, rows in open_:
+        if len(rows) > 1 or _never_limits(library, term) is not None:
+            yield term, _gains(library, term, grid, rows, residual, own(k, rows))
     if "unknown" not in taken:
-        level = library.noise.whiten(np.ones((1, library.mismatch.n), np.float32))
-        yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1))[0]
+        level = of_unit_length(library.noise.whiten(np.ones((1, library.mismatch.n), np.float32)))
+        yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1), own_products(grid, level))[0]
 
 
 def _never_limits(library: Library, term: Term) -> str | None:
@@ -189,14 +195,17 @@ def _never_limits(library: Library, term: Term) -> str | None:
     return f"v_{library.mismatch.axis}" if term.mechanism.id == "friction_asymmetry" else None
 
 
-def _gains(library: Library, term: Term, grid: Grid, rows: Float32, residual: Float32) -> Float32:
-    """(boxes,) – what the rows of a term, whitened, take away; nothing where a box limits what never limits it."""
+def _gains(library: Library, term: Term, grid: Grid, rows: Float32, residual: Float32, power: Float32) -> Float32:
+    """(boxes,) – what the rows of a term, whitened, take away; nothing where a box limits what never limits it.
+
+    power : (pairs, groups) – `own_products` of the rows
+    """
     variable = _never_limits(library, term)
     own, theirs = (grid, None) if variable is None else grid.without(variable)
     if len(rows) == 1 and own.lattices:
-        (gain,) = gains_of_each(own, rows, residual, np.array([_sign(library, term)]))
+        (gain,) = gains_of_each(own, rows, residual, np.array([_sign(library, term)]), power)
     else:
-        gain = gains_together(own, rows, residual) if own.lattices else np.zeros(0, np.float32)
+        gain = gains_together(own, rows, residual, power) if own.lattices else np.zeros(0, np.float32)
     if theirs is None:
         return gain
     out = np.zeros(len(theirs), np.float32)

@@ -167,8 +167,8 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
         terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
     if terms:
-        rivals = _not_timing(look.offered) if timed else look.offered
-        library = Library(mismatch, rivals, _any_sign(look.inside), lag=lag)
+        others = set(_not_timing(look.offered) if timed else look.offered).difference(names)
+        library.take([t for t in look.offered if t in others])
     library.whiten(noise)
     answer.terms = terms
     answer.noise = noise

@@ -8,6 +8,7 @@ has to win clearly; then every named term must still be needed beside it.
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import logging
 from collections.abc import Iterator, Sequence
@@ -29,21 +30,19 @@ from pido.diagnosis.formulas import (
     Surface,
     Unnamed,
     curve_over_current,
-    formulas,
-    peaks,
-    surfaces,
 )
+from pido.diagnosis.ground import Ground
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.judge import Judge
 from pido.diagnosis.latched import Latched, latched_terms
-from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Lately, Modulated, late_terms
+from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Modulated, late_terms
 from pido.diagnosis.late_arms import late_arms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.products import gains_by_averages, quick_laws
+from pido.diagnosis.products import gains_by_averages
 from pido.diagnosis.rested import Rested, rested_terms
-from pido.diagnosis.signals import Known, common_signals, occasions
+from pido.diagnosis.signals import Known
 from pido.diagnosis.terms import Term, bic, fit
 from pido.diagnosis.tools import by_tool
 from pido.diagnosis.transients import Transient, transient_terms
@@ -71,6 +70,7 @@ _KNOTS = (10, 24)  # of a curve over the current: few, or as many as what bends 
 _FAR_MORE = 2.0  # times what others remove
 _GOOD_SHARE = 0.1  # of a mismatch's mean square
 _FINALISTS = 12
+_OFFERED = 40  # by averages, whose quantities curves and surfaces are asked over
 _TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
@@ -201,23 +201,18 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     mismatch = library.mismatch
     current = basis(library, noise, start)
     residual = fit(mismatch, noise, start).residual
-    few = coarse(mismatch, residual, noise)
-    whole = common_signals(mismatch.states)
-    seldom = {**whole, **occasions(mismatch.states)}
-    thin = {n: (v[few.rows], unit) for n, (v, unit) in seldom.items()}
-    known = {n: thin[n] for n in whole}
-    ranked = sorted(_by_gain(mismatch, known, thin, few), key=lambda g: -g[0])
+    few, ground = coarse(mismatch, residual, noise), _ground_of(library, noise)
+    ranked = heapq.nlargest(_OFFERED, _by_gain(ground, few), key=lambda g: g[0])
     offered = [t.behind(library.lag) for _, t in ranked]
-    quick = [Term(law).behind(library.lag) for law in quick_laws(mismatch.axis, whole, noise, residual)]
-    lately = Lately(mismatch, whole, few)
+    quick = [Term(law).behind(library.lag) for law in ground.quick.best(residual)]
     late = [
-        *ringing_terms(mismatch, residual, whole),
-        *late_terms(lately),
-        *late_arms(lately),
+        *ringing_terms(mismatch, residual, ground.whole),
+        *late_terms(ground.lately, few),
+        *late_arms(ground.lately, few),
     ]
     late += rested_terms(mismatch, few)
     judge = Judge(mismatch, noise, residual)
-    late += [*transient_terms(judge, seldom), *latched_terms(judge, whole)]
+    late += [*transient_terms(judge, ground.seldom), *latched_terms(judge, ground.whole)]
     scores = [s for t in (*offered[:_FINALISTS], *quick, *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):
@@ -231,18 +226,24 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
         return []
     curve = best
     wanted: list[frozenset[str]] = []
-    for term in offered[:40]:
+    for term in offered:
         names = term.mechanism.reads
         for each in (names, *(frozenset({n}) for n in names)):
             if each not in wanted:
                 wanted.append(each)
-    every = surfaces(mismatch)
-    asked = [s for s in every if frozenset(s.variables) in wanted[:_PAIRS]]
-    for surface in dict.fromkeys([*asked, *_ranked_surfaces(every, known, few)[:_SURFACES]]):
+    asked = [s for s in ground.surfaces if frozenset(s.variables) in wanted[:_PAIRS]]
+    for surface in dict.fromkeys([*asked, *_ranked_surfaces(ground.surfaces, ground.thin, few)[:_SURFACES]]):
         found = library.score(Term(surface).behind(library.lag), current)
         if found is not None and found.bic < curve.bic - _CLEARLY and not is_known(library, noise, found):
             curve = found
     return [best] if curve is best else [best, curve]
+
+
+def _ground_of(library: Library, noise: Noise) -> Ground:
+    """Of the last noise that was asked about."""
+    if library.ground is None or library.ground.noise is not noise:
+        library.ground = Ground(library.mismatch, noise)
+    return library.ground
 
 
 def _beside_nothing(library: Library, noise: Noise) -> list[Score]:
@@ -268,32 +269,34 @@ def _ranked_surfaces(every: Sequence[Surface], known: Known, few: Coarse) -> lis
     return sorted(every, key=bic_of)
 
 
-def _by_gain(mismatch: Mismatch, known: Known, seldom: Known, few: Coarse) -> list[tuple[float, Term]]:
+def _by_gain(ground: Ground, few: Coarse) -> list[tuple[float, Term]]:
     """Formulas, peaks, bends, arms, what is eased or differs by tool, and waves, each with what it takes away from the
-    coarse residual alone; waves also over what `seldom` adds to `known`."""
-    axis = mismatch.axis
-    gains = [(gain, Term(formula)) for formula, gain in gains_by_averages(formulas(known), known, few)]
-    gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(known, few)]
+    coarse residual alone; waves also over what tells when something happens."""
+    axis, known = ground.mismatch.axis, ground.thin
+    gains = [(gain, Term(formula)) for formula, gain in gains_by_averages(ground.formulas, known, few)]
+    gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(ground, few)]
     gains += [(gain, Term(law)) for gain, law in (*bends(axis, known, few), *arms(axis, known, few))]
     gains += eased(axis, known, few)
-    gains += by_tool(axis, known, few, mismatch.states)
-    gains += waves(axis, seldom, few)
+    gains += by_tool(axis, known, few, ground.mismatch.states)
+    gains += waves(axis, ground.thin_seldom, few)
     return gains
 
 
-def _gains_of_peaks(known: Known, few: Coarse) -> Iterator[tuple[Peak, dict[str, float], float]]:
+def _gains_of_peaks(ground: Ground, few: Coarse) -> Iterator[tuple[Peak, dict[str, float], float]]:
     """Peaks, each with what it would take away by itself; rows are sorted into narrow classes of the quantity first."""
-    for peak, offered in itertools.groupby(peaks(known), key=lambda each: each[0]):
-        side, u = peak.side(known[peak.signal][0]), peak.place(known[peak.signal][0])
+    for peak, group in itertools.groupby(ground.peaks, key=lambda each: each[0]):
+        values, shapes = ground.thin[peak.signal][0], [shape for _, shape in group]
+        side, u = peak.side(values), peak.place(values)
         edges = np.linspace(u.min(), u.max(), _CLASSES + 1)
         at = np.clip(np.searchsorted(edges, u, side="right") - 1, 0, _CLASSES - 1)
         inner = np.bincount(at, few.weights * few.values * side, _CLASSES)
         size = np.bincount(at, few.weights * side**2, _CLASSES)
         middle = (edges[1:] + edges[:-1]) / 2
-        for _, shape in offered:
-            row = np.exp(-(((middle - shape["c"]) / shape["w"]) ** 2))
-            own = float(row**2 @ size)
-            yield peak, shape, float(row @ inner) ** 2 / own if own > 0 else 0.0
+        c, w = (np.array([[shape[name]] for shape in shapes]) for name in ("c", "w"))
+        rows = np.exp(-(((middle - c) / w) ** 2))
+        towards, own = rows @ inner, rows**2 @ size
+        gains = np.where(own > 0, towards**2 / np.where(own > 0, own, 1.0), 0.0)
+        yield from ((peak, shape, gain) for shape, gain in zip(shapes, gains.tolist(), strict=True))
 
 
 def tune(library: Library, current: Basis, score: Score) -> Score:

@@ -14,6 +14,8 @@ from pido.diagnosis.boxes import (
     gains_of_intervals,
     gains_together,
     grid_at,
+    of_unit_length,
+    own_products,
     places_in,
     places_of,
 )
@@ -54,7 +56,9 @@ def test_what_a_term_takes_away_in_a_box_is_the_least_squares_fit_of_the_rows_th
     known = variables(rng)
     grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}))
     X, y = rng.normal(size=(columns, 400)).astype(np.float32), rng.normal(size=400).astype(np.float32)
-    gain = gains_of_each(grid, X, y, np.zeros(1))[0] if columns == 1 else gains_together(grid, X, y)
+    unit = of_unit_length(X)
+    own = own_products(grid, unit)
+    gain = gains_of_each(grid, unit, y, np.zeros(1), own)[0] if columns == 1 else gains_together(grid, unit, y, own)
     for box in rng.choice(len(gain), 50):
         inside = rows_of(box, grid, known)
         if inside.sum() > 2 * columns:
@@ -67,19 +71,22 @@ def test_boxes_asked_piece_by_piece_are_those_asked_at_once(monkeypatch):
     known = variables(rng)
     grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}), {"v_y": np.array([0.0])})
     X, y = rng.normal(size=(3, 400)).astype(np.float32), rng.normal(size=400).astype(np.float32)
-    whole = gains_together(grid, X, y)
+    unit = of_unit_length(X)
+    own = own_products(grid, unit)
+    whole = gains_together(grid, unit, y, own)
     monkeypatch.setattr(boxes, "_AT_ONCE", 1000)
     assert max(piece.shape[1] for piece in grid.pieces(X)) < len(grid.limits) / 4
-    np.testing.assert_allclose(gains_together(grid, X, y), whole, rtol=1e-4)
+    np.testing.assert_allclose(gains_together(grid, unit, y, own), whole, rtol=1e-4)
 
 
 def test_an_amplitude_of_the_wrong_sign_takes_nothing_away():
     rng = np.random.default_rng(0)
     known = variables(rng)
     grid = grid_at(known, cuts_of({v: places_of(x) for v, x in known.items()}))
-    x = np.abs(rng.normal(size=(1, 400))).astype(np.float32)
-    assert gains_of_each(grid, x, -x[0], np.array([1])).max() == 0
-    assert gains_of_each(grid, x, -x[0], np.array([-1])).min() >= 0
+    x = of_unit_length(np.abs(rng.normal(size=(1, 400))).astype(np.float32))
+    own = own_products(grid, x)
+    assert gains_of_each(grid, x, -x[0], np.array([1]), own).max() == 0
+    assert gains_of_each(grid, x, -x[0], np.array([-1]), own).max() > 0
 
 
 def test_no_limit_lies_within_a_level():

@@ -8,7 +8,7 @@ from pido.diagnosis.arms import Arm
 from pido.diagnosis.formulas import Formula, formulas
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mismatch import lay_out
-from pido.diagnosis.products import quick_laws
+from pido.diagnosis.products import QuickLaws
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.signals import common_signals
 from pido.diagnosis.state import axis_states
@@ -46,7 +46,7 @@ def test_formulas_are_ranked_by_what_whitened_rows_say():
     library = Library(mismatch, [Term(VISCOUS)])
     library.whiten(noise)
     nothing = basis(library, noise, [])
-    best = [f for f in quick_laws("x", known, noise, mismatch.target) if isinstance(f, Formula)]
+    best = [f for f in QuickLaws("x", known, noise).best(mismatch.target) if isinstance(f, Formula)]
     assert any(f.factors == (("a_x", "u³"),) for f in best)
     gains = [s.gain for f in best if (s := library.score(Term(f), nothing)) is not None]
     every = [s.gain for f in formulas(known)[::7] if (s := library.score(Term(f), nothing)) is not None]
