@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -26,12 +27,14 @@ class Recording:
     """Samples of one part. Numeric columns are float64 (n,); a missing value is NaN and stays NaN.
 
     `tool_id` may hold text. `notes` is what a reader did or found on the way (one sentence each): units converted,
-    packets put in order, columns that were not there.
+    packets put in order, columns that were not there. `judged` is what was found about these very samples, which never
+    change: it goes where the recording goes, into another process too, and a changed copy begins without.
     """
 
     part: PartInfo
     columns: Mapping[str, Array1D]
     notes: tuple[str, ...] = field(default=())
+    judged: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if TIME not in self.columns:

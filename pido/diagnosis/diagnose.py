@@ -50,6 +50,7 @@ from pido.diagnosis.unnamed import clearly_less
 from pido.diagnosis.whiten import Noise, estimate_noise, robust_sd
 
 log = logging.getLogger(__name__)
+_MAPPED_FROM = 1 << 12  # bytes of a column, which processes share rather than have each for itself
 _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a process
 Result = TypeVar("Result")
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
@@ -163,7 +164,8 @@ def _each(
     made: Iterator[Any] = (work(*given) for given in calls.values())
     if jobs > 1:
         each = (delayed(_keeping_memory)(work, *given) for given in calls.values())
-        made = iter(Parallel(n_jobs=jobs, return_as="generator")(each))
+        most = _MAPPED_FROM if work in (_look_at, _prove) else None
+        made = iter(Parallel(n_jobs=jobs, return_as="generator", max_nbytes=most)(each))
     out: dict[str, Result] = {}
     for k, axis in enumerate(calls):
         tell(k, axis)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
-from weakref import finalize, ref
 
 import numpy as np
 
@@ -31,7 +30,6 @@ _FLAT_SHARE = 2e-3  # of the samples must lie exactly at a current's extreme to 
 
 
 Faults = dict[str, dict[str, Bool1D]]
-_judged: dict[int, tuple[ref[Recording], dict[str, Faults]]] = {}
 
 
 class Fault(NamedTuple):
@@ -162,14 +160,11 @@ def time_shift(recording: Recording, axis: str, longest_s: float = 1.0) -> tuple
 
 def _faults_of_axis(recording: Recording, axis: str) -> Faults:
     """Per column and reason the rows concerned; each recording is judged once, as it never changes."""
-    known = _judged.get(id(recording))
-    if known is None or known[0]() is not recording:
-        known = _judged[id(recording)] = (ref(recording), {})
-        finalize(recording, _judged.pop, id(recording), None)
-    if axis not in known[1]:
+    known: dict[str, Faults] = recording.judged.setdefault("faults", {})
+    if axis not in known:
         found = _judge(recording, axis)
-        known[1][axis] = {c: {k: rows for k, rows in by.items() if rows.any()} for c, by in found.items()}
-    return known[1][axis]
+        known[axis] = {c: {k: rows for k, rows in by.items() if rows.any()} for c, by in found.items()}
+    return known[axis]
 
 
 def _judge(recording: Recording, axis: str) -> Faults:

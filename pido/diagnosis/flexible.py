@@ -49,10 +49,11 @@ class Structure:
 
 def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) -> Structure:
     """How much of `residual` a flexible model of the state predicts on unseen folds."""
-    few, known = coarse(mismatch, residual, noise), common_signals(mismatch.states)
-    if len(few.rows) < _FEWEST_ROWS or not known:
+    few = coarse(mismatch, residual, noise)
+    known = common_signals(mismatch.states, few.rows) if len(few.rows) >= _FEWEST_ROWS else {}
+    if not known:
         return Structure(0.0, 0.0, 1.0)
-    features = np.column_stack([v[few.rows] for v, _ in known.values()])
+    features = np.column_stack([v for v, _ in known.values()])
     fold = _three_folds(mismatch, few.rows)
     y, prediction = few.values, np.zeros(len(few.rows))
     top = 8 * float(np.median(np.abs(y)) / 0.6745 + 1e-12)
@@ -84,13 +85,14 @@ def flexible_rest(
     What is left is the nearest thing to noise that can be had before anything has a name. The prediction is made on
     few rows and drawn between them; it is scaled back where it does not hold.
     """
-    known = {name: v for name, v in common_signals(mismatch.states).items() if name not in without}
     width = max(1, int(np.ceil(mismatch.n / _MOST_ROWS)))
     rows = np.arange(width // 2, mismatch.n, width)
     rows = rows[mismatch.usable[rows]]
-    if len(rows) < _FEWEST_ROWS or not known:
+    every = common_signals(mismatch.states, rows) if len(rows) >= _FEWEST_ROWS else {}
+    known = {name: v for name, v in every.items() if name not in without}
+    if not known:
         return residual
-    features = np.column_stack([v[rows] for v, _ in known.values()])
+    features = np.column_stack([v for v, _ in known.values()])
     padded = np.where(mismatch.usable, residual, 0.0)
     y = (
         np.convolve(padded, np.ones(width), "same")

@@ -8,10 +8,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
-from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
 from pido.core.errors import DiagnosisError
 from pido.diagnosis.state import AxisState, seconds_of_each
@@ -202,15 +203,26 @@ def _since_change(time: Float1D, values: Array1D | None, only: Bool1D | None = N
     return np.minimum(since, LONG_S) * (1.0 if only is None else only)
 
 
-def common_signals(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
-    """The signals that every part has and that vary, parts one after another.
+def common_signals(states: Sequence[AxisState], rows: Int1D | None = None) -> dict[str, tuple[Float1D, str]]:
+    """The signals that every part has and that vary, parts one after another; in some `rows` of all, rising.
 
     Of a place from where the part began only where parts begin at different places: elsewhere it is the place.
     """
-    each = [signals(s) for s in states]
+    if rows is None:
+        each = [signals(s) for s in states]
+    else:
+        # Part by part: all signals of a plant's day at once take gigabytes.
+        edges = np.cumsum([0, *(len(s.time) for s in states)])
+        each = [
+            _in_rows(s, rows[(rows >= i) & (rows < j)] - i) for s, (i, j) in zip(states, pairwise(edges), strict=True)
+        ]
     names = [n for n in each[0] if all(n in e for e in each) and (n[:5] != "from_" or _begin_elsewhere(n[5:], states))]
     out = {n: (np.concatenate([e[n][0] for e in each]), each[0][n][1]) for n in names}
     return {n: v for n, v in out.items() if np.ptp(v[0]) > 0}
+
+
+def _in_rows(state: AxisState, rows: Int1D) -> dict[str, tuple[Float1D, str]]:
+    return {name: (values[rows], unit) for name, (values, unit) in signals(state).items()}
 
 
 def occasions(states: Sequence[AxisState]) -> dict[str, tuple[Float1D, str]]:
