@@ -44,6 +44,13 @@ class Recording:
             raise RecordingError(f"part {self.part.part}: columns have different lengths: {lengths}.")
         object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes into another process, where a read-only view of a mapping cannot."""
+        return {**self.__dict__, "columns": dict(self.columns)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, columns=MappingProxyType(state["columns"]))
+
     def __len__(self) -> int:
         return len(self.columns[TIME])
 

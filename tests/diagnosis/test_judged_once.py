@@ -1,8 +1,9 @@
 """What is known of a recording is worked out once, wherever it is asked for."""
 
+import pickle
+
 import numpy as np
 import pytest
-from joblib.externals import cloudpickle  # what processes of `diagnose` are sent
 
 from pido.diagnosis import faults
 from pido.diagnosis.faults import input_faults
@@ -17,7 +18,7 @@ def test_faults_of_a_recording_go_with_it_into_another_process_and_not_with_a_ch
     jumped = good.with_columns(pos_x=good["pos_x"] + np.where(good.time > 20, 400.0, 0.0))
     found = input_faults(jumped)
     assert "pos_x" in found
-    elsewhere = cloudpickle.loads(cloudpickle.dumps(jumped))
+    elsewhere = pickle.loads(pickle.dumps(jumped))
     monkeypatch.setattr(faults, "contradictions", None)  # judging anew would call it
     assert input_faults(elsewhere) == found
     with pytest.raises(TypeError):
