@@ -62,8 +62,8 @@ def estimate(
 ) -> Estimated:
     """Amplitudes, and intervals of everything that was fitted.
 
-    other : weights under which the same would come out were the model exact; where it does not, the form of a term is
-        not the machine's, and the interval is wide enough for both (in the spirit of Hausman 1978)
+    other : weights under which the same would come out were the model exact; how far it does not is a bias that the
+        form of a term may have, and the interval is as much wider (in the spirit of Hausman 1978)
     """
     columns = [t.columns(mismatch.states) for t in terms]
     joint = fit(mismatch, noise, terms, columns)
@@ -74,7 +74,7 @@ def estimate(
     half = list(half_widths(model, mismatch, rng))
     if other is not None:
         again, _ = solve(other.whiten(design), other.whiten(mismatch.target[None])[0])
-        half = [max(h, abs(float(b - a))) for h, b, a in zip(half, beta, again, strict=True)]
+        half = [h + abs(float(b - a)) for h, b, a in zip(half, beta, again, strict=True)]
     of_amplitudes = slice(len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns))
     half[of_amplitudes] = [
         max(h, FORM * abs(float(b))) for h, b in zip(half[of_amplitudes], beta[of_amplitudes], strict=True)

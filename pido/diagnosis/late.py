@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D, Int1D
+from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
@@ -290,7 +291,8 @@ def _modulated(axis: str, known: Known) -> Iterator[Modulated]:
 
 def causes(known: Known, axis: str) -> Iterator[tuple[str, str]]:
     """Signals, each with its form, that something late may follow from."""
-    for name in dict.fromkeys((f"v_{axis}", f"f_{axis}", f"I_{axis}", "feed", "MRR", "M_sp", "v_sp", "a_sp")):
+    forces = (f"f_{a}" for a in (axis, *LINEAR_AXES))
+    for name in dict.fromkeys((f"v_{axis}", *forces, f"I_{axis}", "feed", "MRR", "M_sp", "v_sp", "a_sp")):
         if name in known:
             yield name, "u"
             if known[name][0].min() < 0 < known[name][0].max():

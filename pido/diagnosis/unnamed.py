@@ -67,6 +67,8 @@ _ROWS = 3_000  # of the coarse residual, on which these are compared
 _RIDGE = 1e-3  # of a knot's own power
 _MANY = 3  # laws on one axis: so many at once are less likely than one that nobody has named
 _KNOTS = (10, 24)  # of a curve over the current: few, or as many as what bends quickly takes
+_ALIKE = 2.0  # BIC: one law with no more numbers than several is as likely, and the same where it is their sum
+_ROUNDED = 1 + 1e-6  # times an error: the same
 _FAR_MORE = 2.0  # times what others remove
 _GOOD_SHARE = 0.1  # of a mismatch's mean square
 _FINALISTS = 12
@@ -94,9 +96,9 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
             share = _share_asked(found.term, beside=len(trial) > max(1, len(terms)))
             margin = _CLEARLY + min(share, _SEPARATE_SHARE) * max(nothing.bic - best.bic, 0.0)
             more = best.rss - tried.rss > share * max(nothing.rss - best.rss, 0.0)
-            if len(trial) < len(best_terms) and numbers(trial) < numbers(best_terms):
+            if len(trial) < len(best_terms) and numbers(trial) <= numbers(best_terms):
                 # A name comes first because a law of the textbook is likely; that several act at once is not.
-                margin, more = 0.0, True
+                margin, more = -_ALIKE, True
             likelier = tried.bic < best.bic - margin and more
             # A form that is smooth where a sign is sharp fits the transients of a filtered current better than the law
             # itself: the plain error has to be smaller as well, and not only the quick part of it.
@@ -164,7 +166,7 @@ def says_it_all(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -
 def _says_the_rest_too(mismatch: Mismatch, few: Sequence[Term], many: Sequence[Term]) -> bool:
     """Whether one law without a name leaves no more error on unseen folds than another one beside names."""
     halves = len(few) < len(many) and any(t.name == "unknown" for t in many)
-    return halves and no_more_error(mismatch, few, many)
+    return halves and no_more_error(mismatch, few, many, _ROUNDED)
 
 
 def _says_far_more(mismatch: Mismatch, one: Sequence[Term], terms: Sequence[Term]) -> bool:
