@@ -28,7 +28,8 @@ def test_a_viscous_friction_alone_keeps_its_name():
 
 def test_friction_that_a_load_along_another_axis_has_changed_lately():
     def loaded(k, recording):
-        phases = np.random.default_rng(k).uniform(0, 900, len(recording) // 300) * np.tile([0, 1], len(recording) // 600)
+        rests = np.tile([0, 1], len(recording) // 600)
+        phases = rests * np.random.default_rng(k).uniform(0, 900, len(recording) // 300)
         return recording.with_columns(f_y_sim=np.repeat(phases, 300))
 
     def drag(state):
