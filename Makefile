@@ -9,7 +9,7 @@ export DO_NOT_TRACK = 1
 export PREFECT_SERVER_ANALYTICS_ENABLED = false
 export MLFLOW_DISABLE_TELEMETRY = true
 
-.PHONY: setup demo test test-slow bench lint lock docs plant chaos clean
+.PHONY: setup demo test test-thorough test-slow bench lint lock docs plant chaos clean
 
 setup: $(READY)
 
@@ -24,7 +24,10 @@ demo: $(READY)
 	$(BIN)/python -m flows.demo $(if $(DATA),--data $(DATA),)
 
 test: $(READY)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not thorough" -n auto --dist loadfile
+
+test-thorough: $(READY)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "thorough and not slow" -n auto --dist load
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow

@@ -15,6 +15,8 @@ from pido.core.recording import Recording
 from pido.diagnosis.correct import correct
 from pido.diagnosis.diagnose import diagnose
 
+pytestmark = pytest.mark.thorough
+
 RATE = 50.0
 NOISE = 0.05
 
@@ -99,7 +101,7 @@ EFFECTS = {
     "unknown": lambda r: 0.05 * np.sin(2 * np.pi * r.time / 7.3),
 }
 SLOWLY = ("viscous_friction", "miscalibrated:coulomb_friction", "sensor_gain")
-"""Of which another of their kind is asked at every `make test`; these with `make test-slow`."""
+"""Of which another of their kind is asked at every `make test-thorough`; these with `make test-slow`."""
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOWLY else n for n in EFFECTS])

@@ -21,6 +21,8 @@ from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
 
+pytestmark = pytest.mark.thorough
+
 NOISE = 0.05
 FEEDS = (-25.0, -12.0, -6.0, 0.0, 0.0, 6.0, 12.0, 25.0)
 

@@ -26,6 +26,8 @@ from pido.physics.friction import dahl_state
 from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
 from tests.diagnosis.planted import part, planted
 
+pytestmark = pytest.mark.thorough
+
 
 def test_friction_at_low_speed_that_a_control_loop_delays_is_one_finding():
     def delayed(state):

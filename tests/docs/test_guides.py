@@ -46,6 +46,7 @@ def follow(page, folder):
     return printed
 
 
+@pytest.mark.thorough
 def test_the_library_path_runs_and_finds_what_was_concealed(capsys):
     runpy.run_path(str(GUIDE / "library.py"), run_name="__main__")
     said = capsys.readouterr().out
@@ -66,6 +67,7 @@ def test_the_notebook_has_the_cells_of_the_script_that_runs():
         assert lines == text.strip().splitlines()
 
 
+@pytest.mark.thorough
 def test_the_command_line_path_runs_and_finds_what_was_concealed(tmp_path):
     printed = follow(GUIDE / "command-line.md", tmp_path)
     diagnosis = next(text for command, text in printed.items() if command.startswith("pido diagnose"))
