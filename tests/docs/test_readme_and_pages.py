@@ -39,7 +39,7 @@ def test_the_commands_of_the_readme_run_and_print_what_it_shows(tmp_path):
     assert (tmp_path / "diagnosis" / "report.html").exists()
 
 
-@pytest.mark.parametrize("target", ["demo", "test", "docs", "plant"])
+@pytest.mark.parametrize("target", ["demo", "test", "test-thorough", "test-slow", "docs", "plant"])
 def test_every_make_target_that_is_named_exists(target):
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert any(f"make {target}" in page.read_text(encoding="utf-8") for page in PAGES)
