@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pido.core.arrays import Bool1D, Float1D, Int1D
-from pido.diagnosis.gates import EITHER_WAY, PATH_SPEED, VARIABLES, Gate, gate_variable
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
+from pido.diagnosis.gates import EITHER_WAY, PATH_SPEED, VARIABLES, Gate, between, gate_variable
 from pido.diagnosis.mismatch import Mismatch
 
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
@@ -235,11 +235,13 @@ def _cell_of(variables: Mapping[str, Float1D], cuts: Mapping[str, Float1D]) -> I
 class Space:
     """The reduced space of one recording: what limits a box, (n,) each, where that can be cut, and the grids of it.
 
+    ranges : (n, 2) – least and most of a variable within rows that were averaged
     Each variable by itself is cut in all places: a law that ends within the steps of a lattice over all of them looks
     weak in each of its boxes.
     """
 
     variables: Mapping[str, Float1D]
+    ranges: Mapping[str, Float2D]
     places: Mapping[str, Places]
     coarse: Grid
     fine: Grid
@@ -248,6 +250,10 @@ class Space:
     def distinct(self) -> dict[str, Float1D]:
         """The values of each variable that occur, rising."""
         return {name: np.unique(values) for name, values in self.variables.items()}
+
+    def between(self, variable: str, limits: Float1D) -> csr_array:
+        """(classes, n), sparse – how much of each row lies between each of `limits`, rising, and the next."""
+        return between(self.variables[variable], self.ranges.get(variable), limits)
 
     def between_rows(self, variable: str, limits: list[float], share: float) -> Float1D:
         """Halfway between some of the values that occur about each of `limits`: of a share of those from the place
@@ -278,7 +284,9 @@ def space_of(mismatch: Mismatch) -> Space | None:
         grid_at(variables, *(cuts(each) for each in (together, path) if each), *alone)
         for cuts in (cuts_of, fine_cuts_of)
     )
-    return Space(variables, places, coarse, fine)
+    averaged = [v for v in variables if all(v in s.ranges for s in mismatch.states)]
+    ranges = {v: np.nan_to_num(np.concatenate([s.ranges[v] for s in mismatch.states])) for v in averaged}
+    return Space(variables, ranges, places, coarse, fine)
 
 
 def _values(mismatch: Mismatch, variable: str) -> Float1D | None:

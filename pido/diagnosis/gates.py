@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.state import AxisState, speed_along_path
 
 PATH_SPEED = "path speed"
@@ -83,3 +84,20 @@ def inside(state: AxisState, gates: Sequence[Gate]) -> Float1D:
             within = np.divide(np.maximum(passed, 0.0), most - least, out=within, where=most > least)
         result *= within
     return result
+
+
+def between(values: Float1D, ranges: Float2D | None, limits: Float1D) -> csr_array:
+    """(classes, n), sparse – how much of each row lies between each limit and the next, as `inside` says of one gate.
+
+    values : (n,); ranges : (n, 2) – least and most within rows that were averaged; limits : rising
+    """
+    least, most = (values, values) if ranges is None else ranges.T
+    wide = most > least
+    first, last = (np.searchsorted(limits, np.where(wide, end, values), side="right") for end in (least, most))
+    count = last - first + 1
+    row = np.repeat(np.arange(len(values)), count)
+    which = np.arange(len(row)) - np.repeat(np.cumsum(count) - count - first, count)
+    edges = np.r_[-np.inf, limits, np.inf]
+    passed = np.minimum(most[row], edges[which + 1]) - np.maximum(least[row], edges[which])
+    share = np.divide(passed, (most - least)[row], out=np.ones(len(row)), where=wide[row])
+    return csr_array((share, (which, row)), shape=(len(limits) + 1, len(values)))

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import block_diag, csr_array
 
 from pido.core.arrays import Array2D, Bool1D, Float1D, Float2D
 from pido.diagnosis.boxes import Space, of_unit_length, own_products, space_of
@@ -26,6 +26,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term, bic
 from pido.diagnosis.whiten import Noise
+from pido.physics.drive import lag_matrix
 
 COLLINEAR = 1e-3  # share of a regressor's power that must be left once the terms already chosen are taken out of it
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
@@ -119,6 +120,12 @@ class Library:
         return self.noise.matrix()
 
     @cached_property
+    def whitening_late(self) -> csr_array:
+        """(n, n) – the same of what the loop answers late: of rows as they are before it."""
+        late = [lag_matrix(s.time, self.lag) for s in self.mismatch.states]
+        return csr_array(self.whitening @ csr_array(block_diag(late)))
+
+    @cached_property
     def of_themselves(self) -> NDArray[np.float32]:
         """The whitened rows without what came before them (see the function), of unit length."""
         assert self.noise is not None
@@ -139,7 +146,7 @@ class Library:
         if noise is self.noise:
             return
         self.noise = noise
-        for remembered in ("whitening", "of_themselves", "in_groups"):
+        for remembered in ("whitening", "whitening_late", "of_themselves", "in_groups"):
             self.__dict__.pop(remembered, None)
         self.whitened = np.empty_like(self.rows)
         for i in range(0, len(self.rows), _CHUNK):

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.boxes import (
@@ -303,15 +303,14 @@ def _best_interval(
 ) -> Score:
     """The same term between the limits of one variable that fit best, its other limits as they are.
 
-    Nothing is approximated: between two limits, whitened rows are the sum of those of the classes there.
+    Nothing is approximated: between two limits, whitened rows are the sum of those of the classes there. A loop answers
+    late to what is inside: rows pass it once they are in their classes.
     """
     others = tuple(g for g in score.term.gates if g.variable != variable)
-    columns = library.columns(replace(score.term, gates=others))
-    cell = np.searchsorted(limits, space.variables[variable], side="right")
-    k, n = columns.shape
-    rows = np.arange(k)[:, None] * (len(limits) + 1) + cell
-    each = csr_array((columns.ravel(), (rows.ravel(), np.tile(np.arange(n), k))), shape=(k * (len(limits) + 1), n))
-    whitened = csr_array(each @ library.whitening.T)
+    columns = library.columns(replace(score.term, gates=others, lag=0.0))
+    k, part = len(columns), space.between(variable, limits)
+    each = vstack([csr_array((part.data * c[part.indices], part.indices, part.indptr), part.shape) for c in columns])
+    whitened = csr_array(each @ (library.whitening_late if score.term.lag else library.whitening).T)
     sign = _sign(library, score.term) if len(columns) == 1 else 0.0
     first, last, gain = gains_of_intervals(whitened, k, current.Q32, current.residual32, sign)
     # What is narrower than the least step between two levels is no range of speeds, but where a sign turns.

@@ -7,7 +7,7 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.gates import PATH_SPEED, Gate, inside
+from pido.diagnosis.gates import PATH_SPEED, Gate, between, gate_variable, inside
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.state import axis_states
@@ -68,3 +68,15 @@ def test_a_limit_that_is_passed_within_a_row_counts_for_the_share_of_it(gate):
     sharp = np.round(share)
     assert np.mean((share - mismatch.target)[partly] ** 2) < 0.5 * np.mean((sharp - mismatch.target)[partly] ** 2)
     np.testing.assert_array_equal(share[~partly], mismatch.target[~partly])
+
+
+@pytest.mark.parametrize("variable", ["v_x", "|v_x|", PATH_SPEED])
+@pytest.mark.parametrize("stride", [1, STRIDE])
+def test_what_of_a_row_lies_between_two_limits_is_what_a_gate_says(variable, stride):
+    states = _states()
+    (state,) = lay_out(states, [np.zeros(len(states[0].time))], stride=stride).states
+    limits = np.array([-3.0, 0.0, 2.0, 2.5, 8.0])
+    shares = between(gate_variable(state, variable), state.ranges.get(variable), limits).toarray()
+    ends = zip([-np.inf, *limits], [*limits, np.inf], strict=True)
+    np.testing.assert_allclose(shares, [inside(state, (Gate(variable, *each),)) for each in ends], atol=1e-12)
+    np.testing.assert_allclose(shares.sum(axis=0), 1.0)

@@ -10,7 +10,8 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import even, less_error_there
 from pido.diagnosis.forms import fewest
-from pido.diagnosis.gates import Gate, inside
+from pido.diagnosis.gates import PATH_SPEED, Gate, inside
+from pido.diagnosis.identify import candidates
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.misfit import useless
@@ -20,6 +21,7 @@ from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
+from pido.physics.drive import answered_late
 
 pytestmark = pytest.mark.thorough
 
@@ -271,3 +273,26 @@ def test_friction_that_falls_with_speed_in_a_box_is_no_constant_between_two_limi
     assert found is not None
     assert found.term.mechanism.id == "stribeck_friction"
     assert {g.variable for g in found.term.gates if np.isfinite(g.high)} == set()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_limits_of_what_ramps_show_are_found_behind_a_loop_and_in_averaged_rows(seed):
+    """An acceleration passes the limits within a few rows: what of these lies inside, and that the drive answers late
+    to what was inside, decides where the limits are."""
+    rng = np.random.default_rng(seed)
+    states = axis_states(list(recordings(seed, 500)), "x")
+    box = (Gate(PATH_SPEED, low=4.0), Gate(PATH_SPEED, high=9.0))
+    acts = [2e-3 * s.others["y"].a * inside(s, box) for s in states]
+    late = [answered_late(e[None], s.time, 0.02)[0] for e, s in zip(acts, states, strict=True)]
+    mismatch = lay_out(states, [e + rng.normal(0, 0.15, len(e)) for e in late], stride=10)
+    offered, _ = candidates(CATALOGUE, mismatch, {})
+    library = Library(mismatch, [t for t in offered if t.mechanism.id == "axis_coupling"], lag=0.02)
+    noise = Noise(np.zeros(0), np.full(mismatch.n, 0.15 / np.sqrt(10)), 1.0, mismatch.usable)
+    library.whiten(noise)
+    found = best_region(library, basis(library, noise, []))
+    assert found is not None
+    limits: dict[str, list[object]] = {g.variable: [] for g in found.term.gates}
+    for gate in found.term.gates:
+        limits[gate.variable].append(gate.low if np.isfinite(gate.low) else gate.high)
+    assert limits == {PATH_SPEED: [pytest.approx(4.0, abs=0.5), pytest.approx(9.0, abs=0.5)]}
+    assert found.amplitudes[0] == pytest.approx(2e-3, rel=0.1)
