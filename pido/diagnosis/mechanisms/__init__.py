@@ -3,7 +3,7 @@
 `external_force` needs a search in time and is in `pido.diagnosis.events`; `input_fault` is in `pido.diagnosis.faults`.
 """
 
-from pido.diagnosis.mechanisms import data, drive, friction, process, slow, spindle
+from pido.diagnosis.mechanisms import data, drive, friction, hard_zone, process, slow, spindle
 from pido.diagnosis.mechanisms.base import Mechanism
 
 CATALOGUE: tuple[Mechanism, ...] = (
@@ -23,7 +23,7 @@ CATALOGUE: tuple[Mechanism, ...] = (
     process.CuttingForce(),
     process.EdgeForce(),
     process.ToolWear(),
-    process.MaterialHardZone(),
+    hard_zone.MaterialHardZone(),
     process.CoolantLoad(),
     spindle.SpindleViscousDrag(),
     spindle.SpindleWindage(),

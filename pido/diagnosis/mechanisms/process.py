@@ -1,4 +1,4 @@
-"""What cutting adds: force, edges, wear, hard places, coolant.
+"""What cutting adds: force, edges, wear, coolant; hard places are in `hard_zone`.
 
 In:  `AxisState`. Out: mechanisms of the catalogue. All need a simulated process load, and say so where there is none.
 """
@@ -21,7 +21,7 @@ def load(state: AxisState) -> Float1D | None:
     return state.m_sp if state.axis == "sp" else state.force
 
 
-def _load_in(axis: str) -> str:
+def load_in(axis: str) -> str:
     """`load` as an equation names it."""
     return "M_sp" if axis == "sp" else "f_i"
 
@@ -33,7 +33,7 @@ def engages(states: Sequence[AxisState]) -> str | None:
     return None if any(np.any(s.engaged) for s in states) else "the tool never cuts in these parts"
 
 
-def _loaded(states: Sequence[AxisState]) -> str | None:
+def loaded(states: Sequence[AxisState]) -> str | None:
     if any(load(s) is None for s in states):
         return "no simulated process load of this axis"
     return engages(states)
@@ -53,7 +53,7 @@ class CuttingForce(Mechanism):
         return nothing(state) if state.force is None else column(state.force)
 
     def needs(self, states):
-        return _loaded(states)
+        return loaded(states)
 
 
 class EdgeForce(Mechanism):
@@ -158,7 +158,7 @@ class ToolWear(Mechanism):
     def equation_in(self, axis, shape):
         used = ("volume that the edge has cut, cm³", "time that the edge has cut, min")[round(shape["by"])]
         of = (
-            f"V * {_load_in(axis)}",
+            f"V * {load_in(axis)}",
             "V while engaged",
             f"V * sgn(v) while engaged, {at_rest()}",
             "V * M_sp",
@@ -167,168 +167,6 @@ class ToolWear(Mechanism):
 
     def needs(self, states):
         return engages(states)
-
-
-class MaterialHardZone(Mechanism):
-    """A place of the workpiece that cuts harder or softer.
-
-    x_c, y_c : mm from the workpiece's centre, or in machine coordinates (`frame` 1) where that is not known
-    r : mm, radius of a disc or half length of a box along x; `form`: 0 disc, 1 box; q : the box' half width over r
-    """
-
-    id = "material_hard_zone"
-    becomes = frozenset({"cutting_force"})
-    equation = "dI = H * F inside a disc or box of the workpiece"
-    amplitudes = (Parameter("H", "A per N or N·m"),)
-    shape = (
-        Parameter("x_c", "mm", values=(0.0,)),
-        Parameter("y_c", "mm", values=(0.0,)),
-        Parameter("r", "mm", low=0.1, high=2000.0, scale="log", points=5),
-        Parameter("q", "–", low=0.05, high=20.0, scale="log", values=(1.0,)),
-        choice("form", 2),
-        choice("frame", 2),
-    )
-    looked_at = 500
-    follows_from = ("wx", "force", "m_sp")
-
-    def regressors(self, state, *, x_c, y_c, r, q, form, frame):
-        force, place = load(state), _place(state, round(frame) == 1)
-        if force is None or place is None:
-            return nothing(state)
-        dx, dy = np.abs(place[0] - x_c) / r, np.abs(place[1] - y_c) / r
-        way = np.hypot(dx, dy) if round(form) == 0 else np.maximum(dx, dy / q)
-        # An edge as wide as a twentieth of the zone lets a search move it; a tool is never as sharp as a line.
-        inside = 0.5 * (1.0 - np.tanh((np.nan_to_num(way, nan=np.inf) - 1.0) / 0.05))
-        return column(inside * force)
-
-    def equation_in(self, axis, shape):
-        zone = ("sqrt((x - x_c)^2 + (y - y_c)^2) < r", "|x - x_c| < r and |y - y_c| < q * r")[round(shape["form"])]
-        frame = ("from the workpiece's centre", "in machine coordinates")[round(shape["frame"])]
-        return f"dI = H * {_load_in(axis)} inside {zone}, x and y {frame}"
-
-    def idle(self, shape):
-        return frozenset({"q"}) if round(shape["form"]) == 0 else frozenset()
-
-    def needs(self, states):
-        if any(_place(s, True) is None for s in states):
-            return "the place of the tool is not known (pos_x, pos_y)"
-        return _loaded(states)
-
-    def starts(self, states):
-        """Discs around sixteen places of what was cut; boxes come from what is left of the mismatch."""
-        frame = float(not all(_place(s, False) is not None for s in states))
-        x, y = _cut_places(states, frame == 1)
-        if len(x) == 0:
-            return ()
-        ends = [np.quantile(v, [0.02, 0.98]) for v in (x, y)]
-        size = max(float(np.ptp(e)) for e in ends)
-        centres = [[float(e[0] + (e[1] - e[0]) * k) for k in (0.125, 0.375, 0.625, 0.875)] for e in ends]
-        return tuple(
-            {"x_c": cx, "y_c": cy, "r": size * share, "q": 1.0, "form": 0.0, "frame": frame}
-            for cx in centres[0]
-            for cy in centres[1]
-            for share in (0.12, 0.25)
-        )
-
-    def suggest(self, states, left):
-        """The rectangle in which the load weighs most differently from everywhere else, as a box and as a disc."""
-        frame = float(not all(_place(s, False) is not None for s in states))
-        x, y, force, value = [], [], [], []
-        for s, v in zip(states, left, strict=True):
-            place, f = _place(s, frame == 1), load(s)
-            if place is None or f is None:
-                return ()
-            good = np.isfinite(v) & np.isfinite(place[0]) & np.isfinite(place[1]) & (np.nan_to_num(f) != 0)
-            x.append(place[0][good])
-            y.append(place[1][good])
-            force.append(f[good])
-            value.append(v[good])
-        found = best_rectangle(np.concatenate(x), np.concatenate(y), np.concatenate(force), np.concatenate(value))
-        if found is None:
-            return ()
-        (x_c, half_x), (y_c, half_y) = found
-        disc = float(np.sqrt(4 * half_x * half_y / np.pi))
-        both = {"x_c": x_c, "y_c": y_c, "frame": frame}
-        return (
-            {**both, "r": disc, "q": 1.0, "form": 0.0},
-            {**both, "r": half_x, "q": half_y / half_x, "form": 1.0},
-        )
-
-    def around(self, name, shape, states):
-        form, r = round(shape["form"]), shape["r"]
-        if name == "x_c":
-            return shape[name] - 0.6 * r, shape[name] + 0.6 * r
-        if name == "y_c":
-            half = 0.6 * r * (shape["q"] if form == 1 else 1.0)
-            return shape[name] - half, shape[name] + half
-        if name == "r" or (name == "q" and form == 1):
-            return shape[name] / 1.8, shape[name] * 1.8
-        return shape[name], shape[name]
-
-    def free(self, shape):
-        return 3 if round(shape["form"]) == 0 else 4
-
-    def conditions(self, axis, shape):
-        r = shape["r"]
-        half = r * (shape["q"] if round(shape["form"]) == 1 else 1.0)
-        x, y = (shape["x_c"] - r, shape["x_c"] + r), (shape["y_c"] - half, shape["y_c"] + half)
-        frame = "machine coordinates" if round(shape["frame"]) == 1 else "from the workpiece's centre"
-        what = "disc" if round(shape["form"]) == 0 else "box"
-        where = f"x {x[0]:.4g} to {x[1]:.4g} mm, y {y[0]:.4g} to {y[1]:.4g} mm ({frame})"
-        return f"{axis} axis, while cutting in a {what}, {where}", (
-            f"{x[0]:.4g} < x < {x[1]:.4g}",
-            f"{y[0]:.4g} < y < {y[1]:.4g}",
-        )
-
-
-def best_rectangle(
-    x: Float1D, y: Float1D, force: Float1D, value: Float1D, bins: int = 30
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """The rectangle inside which value = k * force has the k that differs most from outside: (centre, half) of x and y.
-
-    x, y : (n,), mm; force, value : (n,). Least squares over all rectangles of a grid; None where nothing varies.
-    """
-    if len(x) < 50 or not np.any(force) or np.ptp(x) == 0 or np.ptp(y) == 0:
-        return None
-    value = value - force * float(force @ value) / float(force @ force)
-    edges = [np.linspace(v.min(), v.max(), bins + 1) for v in (x, y)]
-    at = [np.clip(np.searchsorted(e, v, side="right") - 1, 0, bins - 1) for e, v in zip(edges, (x, y), strict=True)]
-    cell = at[0] * bins + at[1]
-    sums = []
-    for weight in (force * value, force**2):
-        grid = np.bincount(cell, weight, minlength=bins**2).reshape(bins, bins)
-        sums.append(np.pad(grid.cumsum(0).cumsum(1), ((1, 0), (1, 0))))
-    first, last = np.triu_indices(bins + 1, k=1)
-    strips = [s[last] - s[first] for s in sums]
-    inner, own = (s[:, last] - s[:, first] for s in strips)
-    whole = float(force @ force)
-    inside = (own > 1e-3 * whole) & (own < 0.9 * whole)
-    gain = np.where(inside, inner**2 * (1 / np.maximum(own, 1e-12) + 1 / np.maximum(whole - own, 1e-12)), 0.0)
-    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
-    if gain[i, j] <= 0:
-        return None
-    spans = [(edges[0][first[i]], edges[0][last[i]]), (edges[1][first[j]], edges[1][last[j]])]
-    (x_c, half_x), (y_c, half_y) = [(float(a + b) / 2, float(b - a) / 2) for a, b in spans]
-    return (x_c, half_x), (y_c, half_y)
-
-
-def _place(state: AxisState, machine: bool) -> tuple[Float1D, Float1D] | None:
-    """x and y of the tool, mm, from the workpiece's centre or of the machine."""
-    x, y = (state.places.get("x"), state.places.get("y")) if machine else (state.wx, state.wy)
-    return None if x is None or y is None else (x, y)
-
-
-def _cut_places(states: Sequence[AxisState], machine: bool) -> tuple[Float1D, Float1D]:
-    """x and y of every sample that carries a load."""
-    xs, ys = [], []
-    for s in states:
-        place, force = _place(s, machine), load(s)
-        if place is None or force is None:
-            continue
-        good = (np.nan_to_num(force) != 0) & np.isfinite(place[0]) & np.isfinite(place[1])
-        xs.append(place[0][good])
-        ys.append(place[1][good])
-    return (np.concatenate(xs), np.concatenate(ys)) if xs else (np.zeros(0), np.zeros(0))
 
 
 class CoolantLoad(Mechanism):
