@@ -24,7 +24,8 @@ from prefect.input import RunInput
 from prefect.states import Completed
 from pydantic import Field
 
-from flows.pages import in_markdown, key
+from flows.ownership import key
+from flows.pages import in_markdown
 from flows.submit import alive
 from pido.approval import approve, refusal
 from pido.core.errors import RegistryError
@@ -64,9 +65,11 @@ def promote(workspace: str, machine: str, version: int) -> State:
         if standing is None:
             raise RegistryError(f"{machine} has no version {version}.")
         if standing.state == "champion":
-            return _said(f"{machine}: version {version} is in force: there is nothing to decide.", machine)
+            return _said(f"{machine}: version {version} is in force: there is nothing to decide.", place, machine)
         if standing.state == "rejected":
-            return _said(f"{machine}: version {version} was rejected and stays so: nothing is left to decide.", machine)
+            return _said(
+                f"{machine}: version {version} was rejected and stays so: nothing is left to decide.", place, machine
+            )
         promotion.check_credential(place)
         refused = refusal(place, standing.version)
         asked = Rejection if refused else Decision
@@ -80,7 +83,7 @@ def promote(workspace: str, machine: str, version: int) -> State:
         record = decide(place, machine, version, by=answer.by, reason=answer.reason)
         if fault := mirror.try_reconcile(place, machine):
             get_run_logger().warning("MLflow's aliases will follow later: %s", fault)
-        return _said(decided(record), machine)
+        return _said(decided(record), place, machine)
 
 
 def form(version: Version, refused: str) -> str:
@@ -101,8 +104,9 @@ def decided(record: Record) -> str:
     return f"{record.machine}: version {record.version} is {what}, decided by {record.by}, {record.at}: {record.reason}"
 
 
-def _said(words: str, machine: str) -> State:
+def _said(words: str, place: Workspace, machine: str) -> State:
     """Into the run's log, onto its page and into its state."""
     get_run_logger().info("%s", words)
-    create_markdown_artifact(key=key("decision", machine), markdown=in_markdown(words), description=in_markdown(words))
+    text = in_markdown(words)
+    create_markdown_artifact(key=key(place, "decision", machine), markdown=text, description=text)
     return Completed(message=words)
