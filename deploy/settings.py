@@ -14,6 +14,7 @@ from pathlib import Path
 from deploy.entry import EVERYWHERE, NO_HOST, login
 from pido.core.errors import SettingsError
 from pido.core.files import write_atomically
+from pido.workspace import MLFLOW_PAGE
 
 FILE = Path(__file__).with_name("plant.env")
 SECRETS = ("PIDO_POSTGRES_PASSWORD", "PIDO_PREFECT_PASSWORD", "PIDO_MLFLOW_PASSWORD", "PIDO_MLFLOW_SECRET")
@@ -81,6 +82,7 @@ class PlantSettings:
             "MLFLOW_TRACKING_URI": self.mlflow_uri,
             "MLFLOW_TRACKING_USERNAME": self.mlflow_user,
             "MLFLOW_TRACKING_PASSWORD": self.mlflow_password,
+            MLFLOW_PAGE: self.mlflow_page,
             "PIDO_WORKSPACE": str(self.workspace),
             "PIDO_NIGHTLY": self.nightly,
             "DO_NOT_TRACK": "1",

@@ -18,7 +18,8 @@ from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_link_artifact, create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
-from flows.pages import call, in_markdown, key
+from flows.ownership import key
+from flows.pages import call, in_markdown
 from flows.submit import alive
 from pido.accepted import acceptable
 from pido.core.errors import DiagnosisError
@@ -82,11 +83,11 @@ def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[st
     about = f"{in_markdown(machine)}: {len(found['lines'])} finding(s) in {len(found['parts'])} part(s)"
     accept = acceptable(place, machine, folder) if found["lines"] else []
     text = page(place, machine, found, accept)
-    create_markdown_artifact(key=key("diagnosis", machine), markdown=text, description=about)
+    create_markdown_artifact(key=key(place, "diagnosis", machine), markdown=text, description=about)
     if link:
         text = f"Diagnosis of {in_markdown(machine)}"
         create_link_artifact(
-            key=key("diagnosis-report", machine), link=link, link_text=text, description=f"[{text}]({link})"
+            key=key(place, "diagnosis-report", machine), link=link, link_text=text, description=f"[{text}]({link})"
         )
     return found
 

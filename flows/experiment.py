@@ -15,6 +15,7 @@ from prefect import flow, task
 from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 
+from flows.ownership import key
 from flows.submit import alive
 from pido.cli.experiment import command
 from pido.workspace import Workspace
@@ -42,9 +43,11 @@ def experiment(
         arguments += ["--data", source]
     for option, value in (("--repeats", repeats), ("--workers", workers), ("--cluster", cluster)):
         arguments += [option, str(value)] if value is not None else []
-    with alive(Workspace.open(workspace)):
+    place = Workspace.open(workspace)
+    with alive(place):
         told = run(workspace, arguments)
     lines = [f"**{one.get('data', name)}**: {one['verdict']}" for one in told]
-    report = f"Reports: `{Workspace.open(workspace).root / 'experiments' / name}`"
-    create_markdown_artifact(key="experiment", markdown="\n\n".join([f"# {name}", *lines, report]), description=name)
+    report = f"Reports: `{place.root / 'experiments' / name}`"
+    text = "\n\n".join([f"# {name}", *lines, report])
+    create_markdown_artifact(key=key(place, "experiment"), markdown=text, description=name)
     return told

@@ -22,7 +22,8 @@ from prefect.runtime import flow_run
 from prefect.states import Completed
 
 from flows.diagnose import due
-from flows.pages import call, in_markdown, key
+from flows.ownership import key
+from flows.pages import call, in_markdown
 from flows.submit import alive, ask_diagnosis
 from pido import departures, parts, production
 from pido.core.errors import PidoError, UnavailableError
@@ -128,7 +129,7 @@ def iteration(workspace: str, machine: str, part: str | None, name: str = "") ->
         logger.warning("no diagnosis: %s", missing)
     if new:
         text, headline = page(place, outcome, fault), _headline(outcome)
-        create_markdown_artifact(key=key("iteration", machine), markdown=text, description=headline)
+        create_markdown_artifact(key=key(place, "iteration", machine), markdown=text, description=headline)
     about = outcome["part"]["name"] if new or not name else name
     return {"machine": machine, "part": about, "version": outcome["version"], "run_key": run_key, "new": new}
 

@@ -22,7 +22,8 @@ def in_markdown(text: str) -> str:
 
 
 def key(kind: str, machine: str) -> str:
-    """The key under which Prefect lists all artifacts of a kind about one machine: lower case, digits, dashes.
+    """The key of artifacts of a kind about one machine: lower case, digits, dashes. Whose they are on a server that
+    several workspaces share is added by `flows.ownership.key`.
 
     >>> key("iteration", "cmx600v"), key("iteration", "Mill 1")
     ('iteration-cmx600v', 'iteration-mill-1-047f9d')

@@ -8,7 +8,8 @@ waits in the workspace. Where another champion went into force meanwhile, the ve
 Do not combine it with an automation on missing heartbeats: a suspended run sends none.
 
 Prefect holds an answer against the form before it takes it: one without a choice, a name or a reason is refused in the
-form's own words, and the run goes on waiting.
+form's own words, and the run goes on waiting. What would be refused afterwards is not offered: approval of a version
+that may not be approved, or any decision where the worker lacks the credential.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ from prefect.input import RunInput
 from prefect.states import Completed
 from pydantic import Field
 
-from flows.pages import in_markdown, key
+from flows.ownership import key
+from flows.pages import in_markdown
 from flows.submit import alive
-from pido.approval import approve
+from pido.approval import approve, refusal
 from pido.core.errors import RegistryError
 from pido.tracking import mirror, promotion
 from pido.tracking.audit import Record
@@ -45,6 +47,15 @@ class Decision(RunInput):
     reason: str = Field(description="why; it is kept with the decision", min_length=1, pattern=_SAID)
 
 
+class Rejection(Decision):
+    """The form of a version that may not be approved. An answer to one that offered more, before that was so, is read
+    all the same."""
+
+    decision: Literal["approve", "reject"] = Field(
+        description=Decision.model_fields["decision"].description, json_schema_extra={"enum": ["reject"]}
+    )
+
+
 @flow(name="promote", flow_run_name="promote {machine} version {version}", persist_result=False)
 def promote(workspace: str, machine: str, version: int) -> State:
     """Show the gate's words, wait for a person, write the decision down. A rejection is final."""
@@ -54,12 +65,17 @@ def promote(workspace: str, machine: str, version: int) -> State:
         if standing is None:
             raise RegistryError(f"{machine} has no version {version}.")
         if standing.state == "champion":
-            return _said(f"{machine}: version {version} is in force: there is nothing to decide.", machine)
+            return _said(f"{machine}: version {version} is in force: there is nothing to decide.", place, machine)
         if standing.state == "rejected":
-            return _said(f"{machine}: version {version} was rejected and stays so: nothing is left to decide.", machine)
+            return _said(
+                f"{machine}: version {version} was rejected and stays so: nothing is left to decide.", place, machine
+            )
+        promotion.check_credential(place)
+        refused = refusal(place, standing.version)
+        asked = Rejection if refused else Decision
         # Waiting, the run has no process and holds no lock; answered, it has both again.
         answer = suspend_flow_run(
-            wait_for_input=Decision.with_initial_data(description=form(standing.version)),
+            wait_for_input=asked.with_initial_data(description=form(standing.version, refused)),
             timeout=WAIT_S,
             key=digest_of([machine, version])[:16],  # Prefect's keys take no spaces, slashes or umlauts
         )
@@ -67,17 +83,16 @@ def promote(workspace: str, machine: str, version: int) -> State:
         record = decide(place, machine, version, by=answer.by, reason=answer.reason)
         if fault := mirror.try_reconcile(place, machine):
             get_run_logger().warning("MLflow's aliases will follow later: %s", fault)
-        return _said(decided(record), machine)
+        return _said(decided(record), place, machine)
 
 
-def form(version: Version) -> str:
-    """What stands over the form, Markdown."""
+def form(version: Version, refused: str) -> str:
+    """What stands over the form, Markdown. refused : why approval is not offered, '' where it is"""
     title = in_markdown(f"{version.machine}: version {version.version}")
-    passed = bool(version.gate.get("passed"))
-    gate = f"Gate {'passed' if passed else 'NOT passed'}: {in_markdown(version.gate.get('words', ''))}."
-    may = "Approve puts it in force." if passed else "It cannot be approved: a gate that was not passed is not waived."
+    passed = [f"Gate passed: {in_markdown(version.gate.get('words', ''))}."] if version.gate.get("passed") else []
+    may = f"Approval is not offered: {in_markdown(refused)}" if refused else "Approve puts it in force."
     final = "**Reject is final: a version that was rejected can never be approved.** To decide later, close this form."
-    return "\n\n".join([f"# {title}", gate, f"{may} {final}"])
+    return "\n\n".join([f"# {title}", *passed, may, final])
 
 
 def decided(record: Record) -> str:
@@ -89,8 +104,9 @@ def decided(record: Record) -> str:
     return f"{record.machine}: version {record.version} is {what}, decided by {record.by}, {record.at}: {record.reason}"
 
 
-def _said(words: str, machine: str) -> State:
+def _said(words: str, place: Workspace, machine: str) -> State:
     """Into the run's log, onto its page and into its state."""
     get_run_logger().info("%s", words)
-    create_markdown_artifact(key=key("decision", machine), markdown=in_markdown(words), description=in_markdown(words))
+    text = in_markdown(words)
+    create_markdown_artifact(key=key(place, "decision", machine), markdown=text, description=text)
     return Completed(message=words)

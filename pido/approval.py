@@ -1,7 +1,7 @@
 """Approval: what goes into force was compared with the champion that it replaces.
 
 In:  a version that passed its gate, and a person's decision with name and reason.
-Out: the record of the decision (`pido.tracking.promotion`).
+Out: the record of the decision (`pido.tracking.promotion`); for whoever asks people, why there would be none.
 
 A gate compares with the champion of its day. Where another one is in force by now, as behind a form that waited for
 weeks, the version is judged again beside that one, and a person's word counts only if it passes.
@@ -9,10 +9,12 @@ weeks, the version is judged again beside that one, and a person's word counts o
 
 from __future__ import annotations
 
-from pido.core.errors import RegistryError
+from typing import Any
+
+from pido.core.errors import PidoError, RegistryError
 from pido.tracking import promotion
 from pido.tracking.audit import Record
-from pido.tracking.ledger import Ledger
+from pido.tracking.ledger import Ledger, Version
 from pido.workspace import Workspace
 
 
@@ -23,17 +25,36 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
     champion in force.
     """
     promotion.check_person(workspace, by, reason)
-    now = promotion.champion(workspace, machine)
-    found = promotion.version_of(workspace, machine, version)
-    if now is not None and now.version != version and promotion.outdated(found, now):
-        from pido.comparison import judge_again
-
-        gate = judge_again(workspace, found)
-        if not gate["passed"]:
-            raise RegistryError(
-                f"{machine} version {version} passed its gate {promotion.beside(workspace, found)}. Version "
-                f"{now.version} is in force now, and beside that one it does not pass: {gate['words']}. Approve a "
-                "version that was made since; `pido rollback` goes back to one that was in force."
-            )
+    if gate := _beside_the_champion(workspace, promotion.version_of(workspace, machine, version)):
         Ledger(workspace.ledger).judged(machine, version, gate)
     return promotion.approve(workspace, machine, version, by=by, reason=reason)
+
+
+def refusal(workspace: Workspace, version: Version) -> str:
+    """Why `approve` would refuse `version` as things stand, whoever asks; '' where it would not. Nothing is written."""
+    try:
+        promotion.check_version(workspace, version)
+        _beside_the_champion(workspace, version)
+    except PidoError as error:
+        return str(error)
+    return ""
+
+
+def _beside_the_champion(workspace: Workspace, version: Version) -> dict[str, Any] | None:
+    """The gate beside the champion in force, where `version` passed its own beside another one.
+
+    Raises RegistryError where it does not pass.
+    """
+    now = promotion.champion(workspace, version.machine)
+    if now is None or now.version == version.version or not promotion.outdated(version, now):
+        return None
+    from pido.comparison import judge_again
+
+    gate = judge_again(workspace, version)
+    if not gate["passed"]:
+        raise RegistryError(
+            f"{version.machine} version {version.version} passed its gate {promotion.beside(workspace, version)}. "
+            f"Version {now.version} is in force now, and beside that one it does not pass: {gate['words']}. Approve a "
+            "version that was made since; `pido rollback` goes back to one that was in force."
+        )
+    return gate

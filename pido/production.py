@@ -166,7 +166,8 @@ def begin(root: str, machine: str, part: str | None) -> str:
         if stale.name != key and plan.exists() and json.loads(plan.read_text())["machine"] == machine:
             shutil.rmtree(stale)  # the machine's lock is ours: nobody works there any more
     arriving = part if part and part not in before else order[-1]
-    settings = workspace.settings.model_dump(mode="json", exclude={"tracking_uri", "approval_token_sha256"})
+    elsewhere = {"tracking_uri", "tracking_page", "approval_token_sha256"}  # decide nothing of what is found
+    settings = workspace.settings.model_dump(mode="json", exclude=elsewhere)
     plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded, "settings": settings}
     write_atomically(workspace.work / key / "plan.json", json.dumps(plan))
     return key

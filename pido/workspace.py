@@ -32,6 +32,7 @@ from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
 
@@ -44,6 +45,8 @@ from pido.core.names import file_name
 from pido.monitoring import records
 
 _METHOD = ("core", "physics", "process", "recordings", "feature_space", "equations", "sampling", "models")
+MLFLOW_PAGE = "PIDO_MLFLOW_PAGE"
+"""Beside MLFLOW_TRACKING_URI, by which the worker calls MLflow: how browsers do."""
 
 
 class WorkspaceSettings(BaseModel):
@@ -64,6 +67,9 @@ class WorkspaceSettings(BaseModel):
     compare: bool = Field(default=True, description="train real-only, +PiA and +PiE beside +both, to compare")
     gate_parts: PositiveInt = Field(default=5, description="most recent parts on which the gate compares")
     tracking_uri: str | None = Field(default=None, description="MLflow server; none: mlflow.db in the workspace")
+    tracking_page: str | None = Field(
+        default=None, pattern="^https?://", description="MLflow's pages as browsers call them; none: tracking_uri"
+    )
     approval_token_sha256: str | None = Field(
         default=None, pattern="^[0-9a-f]{64}$", description="SHA-256 of the token that approval asks for"
     )
@@ -191,6 +197,17 @@ class Workspace:
         """Of MLflow: the settings' server, else the one in the environment, else a SQLite file in the workspace."""
         named = self.settings.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
         return named or self._own_tracking
+
+    @property
+    def tracking_page(self) -> str:
+        """MLflow's pages as people's browsers call them, '' where there are none: named beside the server, in the
+        settings or in the environment, else the server's own address, without a password that it may hold."""
+        s, uri = self.settings, self.tracking_uri
+        named = s.tracking_page or (None if s.tracking_uri else os.environ.get(MLFLOW_PAGE))
+        if not named and uri.startswith("http"):
+            parts = urlsplit(uri)
+            named = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+        return (named or "").rstrip("/")
 
     @property
     def _own_tracking(self) -> str:

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from plain_parts import parts as made_up
 
 from pido import comparison, plain, production
-from pido.approval import approve
+from pido.approval import approve, refusal
 from pido.cli import pido
 from pido.core.errors import PidoError, SettingsFileError
 from pido.core.samples import Samples
@@ -102,12 +102,14 @@ def test_a_version_judged_beside_another_champion_is_judged_again_beside_the_one
     approve(workspace, "cmx600v", 2, **who)
     said = CliRunner().invoke(pido, ["status", "-w", str(workspace.root)]).stdout
     assert "not compared with the champion in force" in said
+    assert refusal(workspace, Ledger(workspace.ledger).versions("cmx600v")[2]) == ""
     assert approve(workspace, "cmx600v", 3, **who).version == 3
     gate = Ledger(workspace.ledger).versions("cmx600v")[2].gate
     assert (gate["champion"], gate["parts"]) == (second.bundle, third.gate["parts"][-1:])
     assert "against the champion" in gate["words"]
-    with pytest.raises(PidoError, match="Version 3 is in force now, and beside that one it does not pass: no part"):
+    with pytest.raises(PidoError, match="Version 3 is in force now, and beside that one it does not pass: no") as no:
         approve(workspace, "cmx600v", 2, **who)
+    assert refusal(workspace, Ledger(workspace.ledger).versions("cmx600v")[1]) == str(no.value)
     record = promotion.champion(workspace, "cmx600v")
     assert record is not None
     assert record.version == 3

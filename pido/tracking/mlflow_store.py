@@ -121,7 +121,5 @@ def model_names(machine: str, ending: str = "") -> dict[str, str]:
 
 def how_to_open(workspace: Workspace) -> str:
     """What a person types, or the address they open, to look at the runs."""
-    uri = workspace.tracking_uri
-    if uri.startswith("sqlite:"):
-        return f"mlflow ui --backend-store-uri {uri}   then open http://127.0.0.1:5000"
-    return uri
+    ui = f"mlflow ui --backend-store-uri {workspace.tracking_uri}   then open http://127.0.0.1:5000"
+    return workspace.tracking_page or ui

@@ -128,25 +128,32 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
         now = champion(workspace, machine)
         if now and now.version == version:
             return now
-        if not found.gate.get("passed"):
-            raise RegistryError(
-                f"{machine} version {version} did not pass its gate and is not approved: {found.gate.get('words', '')}"
-                ". A failed gate cannot be waived; the next parts bring a new version."
-            )
-        if any(r.version == version and r.action == "reject" for r in history(workspace, machine)):
-            raise RegistryError(f"{machine} version {version} was rejected and stays so; approve another version.")
-        if gone := _revoked(workspace, machine).get(version):
-            raise RegistryError(
-                f"{machine} version {version} was trained with physics that is revoked: {', '.join(gone)}. `pido "
-                "iterate` trains without it, or finds the version that was, and `pido status` says which that is."
-            )
+        check_version(workspace, found)
         if now and outdated(found, now):
             raise RegistryError(
                 f"{machine} version {version} passed its gate {beside(workspace, found)}, and version {now.version} is "
                 f"in force now. `pido approve {version}` judges it beside that one first."
             )
-        verify(load(workspace.bundles, found.bundle))
         return _put_in_force(workspace, "approve", found, by, reason)
+
+
+def check_version(workspace: Workspace, version: Version) -> None:
+    """Raises RegistryError where nobody may approve `version`: its gate was not passed, it was rejected or trained with
+    physics that is revoked, or its bundle is damaged."""
+    named, number = f"{version.machine} version {version.version}", version.version
+    if not version.gate.get("passed"):
+        raise RegistryError(
+            f"{named} did not pass its gate and is not approved: {version.gate.get('words', '')}"
+            ". A failed gate cannot be waived; the next parts bring a new version."
+        )
+    if any(r.version == number and r.action == "reject" for r in history(workspace, version.machine)):
+        raise RegistryError(f"{named} was rejected and stays so; approve another version.")
+    if gone := _revoked(workspace, version.machine).get(number):
+        raise RegistryError(
+            f"{named} was trained with physics that is revoked: {', '.join(gone)}. `pido iterate` trains without it, "
+            "or finds the version that was, and `pido status` says which that is."
+        )
+    verify(load(workspace.bundles, version.bundle))
 
 
 def outdated(version: Version, now: Record | None) -> bool:
@@ -277,6 +284,11 @@ def check_person(workspace: Workspace, by: str, reason: str) -> None:
     """Raises RegistryError without a name and a reason, or without the credential where the workspace asks for one."""
     if not by.strip() or not reason.strip():
         raise RegistryError("A decision needs who made it and why: give --by and --reason.")
+    check_credential(workspace)
+
+
+def check_credential(workspace: Workspace) -> None:
+    """Raises RegistryError without the credential where the workspace asks for one."""
     wanted = workspace.settings.approval_token_sha256
     given = hashlib.sha256(os.environ.get(TOKEN, "").encode()).hexdigest()
     if wanted and not hmac.compare_digest(wanted, given):

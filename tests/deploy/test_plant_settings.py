@@ -18,6 +18,7 @@ from deploy.entry import login_file, with_login
 from deploy.services import services
 from deploy.settings import DATABASES, SECRETS, load, read_env
 from pido.core.errors import PidoError
+from pido.workspace import MLFLOW_PAGE
 
 ROOT = Path(__file__).parents[2]
 COMPOSE = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
@@ -66,20 +67,21 @@ def _interpolated(text: str, values: dict[str, str]) -> str:
     return text
 
 
-def _as_container(values: dict[str, str]) -> tuple[str, list[str]]:
-    """Prefect's address for browsers, and how MLflow is started."""
+def _as_container(values: dict[str, str]) -> tuple[str, list[str], str]:
+    """Prefect's address for browsers, how MLflow is started, and where the worker's links to it lead."""
     command = [_interpolated(word, values) for word in COMPOSE["services"]["mlflow"]["command"]]
     address = COMPOSE["services"]["prefect"]["environment"]["PREFECT_SERVER_UI_API_URL"]
-    return _interpolated(address, values), [part for word in command for part in word.split("=")]
+    links = _interpolated(COMPOSE["services"]["worker"]["environment"][MLFLOW_PAGE], values)
+    return _interpolated(address, values), [part for word in command for part in word.split("=")], links
 
 
-def _as_process(values: dict[str, str], folder: Path, monkeypatch) -> tuple[str, list[str]]:
+def _as_process(values: dict[str, str], folder: Path, monkeypatch) -> tuple[str, list[str], str]:
     monkeypatch.setattr(postgres, "command", lambda settings: ["postgres"])
     monkeypatch.setattr(postgres, "user", lambda: None)
     for name, value in values.items():
         monkeypatch.setenv(name, value)
-    _, prefect, mlflow, *_ = services(load(folder))
-    return prefect.environment["PREFECT_SERVER_UI_API_URL"], mlflow.command
+    _, prefect, mlflow, worker, _ = services(load(folder))
+    return prefect.environment["PREFECT_SERVER_UI_API_URL"], mlflow.command, worker.environment[MLFLOW_PAGE]
 
 
 @pytest.mark.parametrize("arrangement", ["process", "container"])
@@ -93,9 +95,10 @@ def test_both_pages_work_by_the_name_that_browsers_call(arrangement, values, cal
     from mlflow.server.security_utils import is_allowed_host_header, should_block_cors_request
 
     made = _as_container(values) if arrangement == "container" else _as_process(values, tmp_path, monkeypatch)
-    prefect, mlflow = made
+    prefect, mlflow, links = made
     hosts, origins = (mlflow[mlflow.index(o) + 1].split(",") for o in ("--allowed-hosts", "--cors-allowed-origins"))
     assert prefect == f"http://{called}:4200/api"
+    assert links == f"http://{called}:5000"
     assert is_allowed_host_header(hosts, f"{called}:5000")
     assert not should_block_cors_request(f"http://{called}:5000", "POST", origins)
     assert not is_allowed_host_header(hosts, "elsewhere.example:5000")

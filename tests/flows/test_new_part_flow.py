@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 from plain_parts import parts as made_up
 
+from flows.pages import key
 from flows.server import prefect_server
 from pido.recordings.folder import write_folder
-from pido.tracking import bundle
+from pido.tracking import bundle, promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
@@ -247,6 +248,36 @@ def test_a_server_that_was_started_is_gone_when_its_block_ends(tmp_path):
     while answers(f"{address}/health") and time.monotonic() - start < 5:
         time.sleep(0.1)
     assert not answers(f"{address}/health")
+
+
+PAGES = """
+import sys
+from prefect.client.orchestration import get_client
+from flows.promote import promote
+
+for root in sys.argv[1:]:
+    promote(root, "mill 1", 1)
+with get_client(sync_client=True) as client:
+    runs = {run.id: run.parameters["workspace"] for run in client.read_flow_runs() if run.name.startswith("promote")}
+    for artifact in client.read_artifacts():
+        if artifact.flow_run_id in runs:
+            print(runs[artifact.flow_run_id], artifact.key)
+"""
+
+
+def test_workspaces_that_nobody_serves_have_artifacts_of_their_own_about_machines_of_one_name(api, tmp_path):
+    """Also from run to run: what is newest under a key is the workspace's own."""
+    places = [place(tmp_path / name) for name in ("first", "second")]
+    for workspace in places:
+        made = bundle.save(workspace.bundles, {"machine": "mill 1", "parts": ["p1"]}, {"x.skops": b"x"})
+        Ledger(workspace.ledger).finished("run1", "mill 1", "p1", "part 1", made.digest, {"passed": True}, {})
+        promotion.reject(workspace, "mill 1", 1, by="A. Ito", reason="a test")
+    roots = [str(workspace.root) for workspace in places]
+    call = [sys.executable, "-c", PAGES, *roots, *roots]
+    done = subprocess.run(call, capture_output=True, text=True, check=True, env=os.environ.copy())
+    shown = [line.split() for line in done.stdout.splitlines()[-4:]]
+    expected = [[str(w.root), f"{key('decision', 'mill 1')}-{w.id}"] for w in places]
+    assert sorted(shown) == sorted(expected * 2)
 
 
 def _task_runs(api: str) -> list[dict]:

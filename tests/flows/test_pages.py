@@ -14,9 +14,11 @@ from flows.diagnose import line
 from flows.diagnose import page as diagnosis_page
 from flows.new_part import nothing_new, page
 from flows.pages import in_markdown, key
-from flows.promote import form
+from flows.promote import Decision, Rejection, form, promote
 from pido.accepted import acceptable
+from pido.approval import approve, refusal
 from pido.cli import pido
+from pido.core.errors import RegistryError
 from pido.diagnosis.finding import Evidence, Finding, HeldOut, Where
 from pido.physics_journal import in_force, journal
 from pido.tracking import bundle, promotion
@@ -134,9 +136,31 @@ def test_a_known_part_is_named_and_no_other():
 
 
 def test_the_form_says_what_the_gate_said_and_that_a_rejection_is_final(plant):
-    failed, passed = (form(v) for v in Ledger(plant.ledger).versions(MACHINE))
-    assert "cannot be approved" in failed
-    assert "Approve puts it in force" in passed
+    failed, passed = (form(v, refusal(plant, v)) for v in Ledger(plant.ledger).versions(MACHINE))
+    assert shown(failed)[1].startswith(f"Approval is not offered: {MACHINE} version 1 did not pass its gate")
+    assert shown(passed)[1:3] == [f"Gate passed: x: {ODD}.", "Approve puts it in force."]
     for said in (failed, passed):
         assert "Reject is final" in said
-        assert shown(said)[1].endswith(f"passed: x: {ODD}.")
+        assert f"x: {ODD}." in shown(said)[1]
+
+
+def test_the_form_offers_what_would_be_done_and_nothing_that_would_be_refused(plant):
+    _, offered = Ledger(plant.ledger).versions(MACHINE)
+    assert refusal(plant, offered) == ""
+    with pytest.raises(RegistryError, match="did not pass its gate"):
+        approve(plant, MACHINE, 1, by="A. Ito", reason="I insist")
+    schemas = [asked.model_json_schema()["properties"]["decision"]["enum"] for asked in (Decision, Rejection)]
+    assert schemas == [["approve", "reject"], ["reject"]]
+    given = {"decision": "approve", "by": "A. Ito", "reason": "good"}  # on a form of the time when it was offered
+    assert Rejection(**given).decision == "approve"
+    next(plant.bundles.glob(f"{offered.bundle}/x.skops")).write_bytes(b"damaged")
+    assert "x.skops" in refusal(plant, offered)
+    promotion.reject(plant, MACHINE, 2, by="A. Ito", reason="damaged")
+    assert "was rejected" in refusal(plant, offered)
+
+
+def test_nobody_is_asked_for_a_decision_where_the_worker_lacks_the_credential(plant, monkeypatch):
+    monkeypatch.delenv(promotion.TOKEN, raising=False)
+    (plant.root / "workspace.toml").write_text(f'approval_token_sha256 = "{64 * "0"}"\n')
+    with pytest.raises(RegistryError, match="asks for a credential"):
+        promote.fn(str(plant.root), MACHINE, 2)

@@ -16,6 +16,7 @@ from served_worker import OFFERED, offered, served, waited
 from benchmarks.plant_chaos import FORKS, VICTIMS, processes
 from flows.server import prefect_server
 from pido.recordings.folder import write_folder
+from pido.tracking import bundle, promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
 
@@ -179,7 +180,14 @@ def test_a_run_without_a_process_is_told_from_one_that_has_one(workspace, tmp_pa
             assert [client.read_flow_run(run).state.name for run in others] == ["Running"] * 2, "of other workspaces"
 
 
-def test_two_workspaces_on_one_server_keep_their_own_deployments_and_runs(workspace, tmp_path):
+def decided(place: Workspace) -> None:
+    """A version about which nothing is left to decide: its page says so at once."""
+    made = bundle.save(place.bundles, {"machine": MACHINE, "parts": ["p1"]}, {"x.skops": b"x"})
+    Ledger(place.ledger).finished("run1", MACHINE, "p1", "part 1", made.digest, {"passed": True}, {})
+    promotion.reject(place, MACHINE, 1, by="A. Ito", reason="a test")
+
+
+def test_two_workspaces_on_one_server_keep_their_own_deployments_runs_and_artifacts(workspace, tmp_path):
     (tmp_path / "second").mkdir()
     second = Workspace.open(tmp_path / "second")
     with prefect_server(tmp_path / "prefect"):
@@ -198,8 +206,15 @@ def test_two_workspaces_on_one_server_keep_their_own_deployments_and_runs(worksp
             assert {name: place for name, place in places.items() if place == str(workspace.root)}.keys() == OFFERED
             others = {f"{name}-{second.id}" for name in OFFERED}
             assert {name for name, place in places.items() if place == str(second.root)} == others
-            for name, place in (("nightly/nightly", workspace), (f"nightly/nightly-{second.id}", second)):
-                run = run_deployment(name, timeout=120, poll_interval=1)
+            shown = {}
+            for place, ending in ((workspace, ""), (second, f"-{second.id}")):
+                run = run_deployment(f"nightly/nightly{ending}", timeout=120, poll_interval=1)
                 assert (run.state.name, run.parameters["workspace"]) == ("Completed", str(place.root))
+                decided(place)
+                asked = {"machine": MACHINE, "version": 1}
+                for _ in range(2):
+                    run = run_deployment(f"promote/approval{ending}", parameters=asked, timeout=120, poll_interval=1)
+                    shown[run.id] = f"decision-{MACHINE}{ending}"
+            assert {a.flow_run_id: a.key for a in client.read_artifacts()} == shown, "a key's artifacts are one's own"
         with get_client(sync_client=True) as client, served(second, tmp_path / "again.log", client):
             assert set(offered(client)) == set(places), "started again, it keeps its names"
