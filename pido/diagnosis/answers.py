@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.finding import NOT_TOLD_APART, Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
 from pido.diagnosis.gates import gate_variable
 from pido.diagnosis.identify import Answer, Rival
-from pido.diagnosis.locate import active, intervals, nc_lines, score, voxels, workpiece_area
+from pido.diagnosis.locate import active, intervals, nc_lines, score, strongest_stretch, voxels, workpiece_area
 from pido.diagnosis.mechanisms.advice import recording_that_tells
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
@@ -115,6 +115,9 @@ def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: In
     for state, rows in zip(states, by_part, strict=True):
         found += intervals(state.part, state.time, act[rows], scores[rows])
     summary, conditions = words(term, states)
+    along = term.mechanism.id == "position_dependent_friction" and not any("pos_" in c for c in conditions)
+    if along and (stretch := strongest_stretch(states, effect)) is not None:
+        summary += f"; most of it from {stretch[0]:.4g} to {stretch[1]:.4g} mm"
     acts = [act[r] for r in by_part]
     plane = [_plane(s) for s in states]
     return Where(

@@ -17,6 +17,8 @@ from pido.diagnosis.state import AxisState
 
 _MERGE_S = 0.2  # pauses shorter than this do not split an interval
 _MOST = 60  # intervals per part; more are merged until so many are left
+_STRETCHES = 40  # of the travel, in which an effect is compared
+_FEW_ROWS = 10
 _VOXEL = (2.0, 2.0, 10.0)  # mm/s, mm/s, mm²: the grid in which bins of M are reported
 
 
@@ -124,6 +126,28 @@ def workpiece_area(states: Sequence[AxisState], act: Sequence[Bool1D]) -> str | 
         return None
     x, y = (np.quantile(np.concatenate(v), [0.05, 0.95]) for v in (xs, ys))
     return f"x {x[0]:.1f} to {x[1]:.1f} mm, y {y[0]:.1f} to {y[1]:.1f} mm"
+
+
+def strongest_stretch(states: Sequence[AxisState], effect: Float1D) -> tuple[float, float] | None:
+    """From where to where along the travel an effect is at least half of what it is at its strongest, mm.
+
+    effect : (n,), A, over all parts. None where that is in several places, or in most of them.
+    """
+    if any(s.pos is None for s in states):
+        return None
+    pos, size = np.concatenate([np.asarray(s.pos, float) for s in states]), np.abs(effect)
+    seen = np.isfinite(pos) & (size > 0)
+    if not seen.any() or np.ptp(pos[seen]) == 0:
+        return None
+    edges = np.linspace(pos[seen].min(), pos[seen].max(), _STRETCHES + 1)
+    at = np.clip(np.searchsorted(edges, pos[seen], side="right") - 1, 0, _STRETCHES - 1)
+    count = np.bincount(at, minlength=_STRETCHES)
+    there = np.flatnonzero(count >= _FEW_ROWS)
+    level = np.bincount(at, size[seen], minlength=_STRETCHES)[there] / count[there]
+    strong = np.flatnonzero(level >= 0.5 * level.max(initial=0.0))
+    if len(strong) == 0 or len(strong) > 0.7 * len(there) or np.any(np.diff(strong) > 1):
+        return None
+    return float(edges[there[strong[0]]]), float(edges[there[strong[-1]] + 1])
 
 
 def smooth(values: Float1D, width: int) -> Float1D:

@@ -426,7 +426,7 @@ class PositionDependentFriction(Sliding):
             low, high = p_0 - 2 * L, p_0 + 2 * L
             text = f"{axis} axis in motion, friction stands out from {low:.4g} to {high:.4g} mm"
             return text, (f"pos_{axis} > {low:.4g}", f"pos_{axis} < {high:.4g}")
-        how = f"repeats every {L:.3g} mm" if form in (0, 3) else "changes steadily along the travel"
+        how = f"repeats every {L:.3g} mm" if form in (0, 3) else "changes along the travel"
         return f"{axis} axis in motion, friction {how}", (f"v_{axis} != 0",)
 
 
