@@ -17,7 +17,7 @@ from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.finding import NOT_TOLD_APART, Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
 from pido.diagnosis.gates import gate_variable
 from pido.diagnosis.identify import Answer, Rival
-from pido.diagnosis.locate import active, intervals, nc_lines, score, strongest_stretch, voxels, workpiece_area
+from pido.diagnosis.locate import active, intervals, nc_lines, rhythm, score, strongest_stretch, voxels, workpiece_area
 from pido.diagnosis.mechanisms.advice import recording_that_tells
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
@@ -118,6 +118,8 @@ def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: In
     along = term.mechanism.id == "position_dependent_friction" and not any("pos_" in c for c in conditions)
     if along and (stretch := strongest_stretch(states, effect)) is not None:
         summary += f"; most of it from {stretch[0]:.4g} to {stretch[1]:.4g} mm"
+    if term.mechanism.id == "external_force" and (every := rhythm(found)) is not None:
+        summary += f"; it comes again every {every:.3g} s"
     acts = [act[r] for r in by_part]
     plane = [_plane(s) for s in states]
     return Where(

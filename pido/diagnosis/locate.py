@@ -19,6 +19,8 @@ _MERGE_S = 0.2  # pauses shorter than this do not split an interval
 _MOST = 60  # intervals per part; more are merged until so many are left
 _STRETCHES = 40  # of the travel, in which an effect is compared
 _FEW_ROWS = 10
+_FEWEST_GAPS = 4  # from one interval to the next, that make a rhythm if they are the same but for this share
+_SAME_GAP = 0.03
 _VOXEL = (2.0, 2.0, 10.0)  # mm/s, mm/s, mm²: the grid in which bins of M are reported
 
 
@@ -148,6 +150,21 @@ def strongest_stretch(states: Sequence[AxisState], effect: Float1D) -> tuple[flo
     if len(strong) == 0 or len(strong) > 0.7 * len(there) or np.any(np.diff(strong) > 1):
         return None
     return float(edges[there[strong[0]]]), float(edges[there[strong[-1]] + 1])
+
+
+def rhythm(found: Sequence[Interval]) -> float | None:
+    """Time from one interval to the next, s, where it is the same each time; None where it is not, or too few tell.
+
+    Only what lies within one part is compared: between parts the clock may not be known.
+    """
+    starts: dict[str, list[float]] = {}
+    for one in found:
+        starts.setdefault(one.part, []).append(one.t_start)
+    gaps = np.concatenate([np.diff(np.sort(s)) for s in starts.values()]) if starts else np.zeros(0)
+    if len(gaps) < _FEWEST_GAPS:
+        return None
+    usual = float(np.median(gaps))
+    return usual if np.all(np.abs(gaps - usual) < _SAME_GAP * usual) else None
 
 
 def smooth(values: Float1D, width: int) -> Float1D:
