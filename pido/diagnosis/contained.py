@@ -169,7 +169,7 @@ def _lag(mismatch: Mismatch, offered: Sequence[Term]) -> float:
 def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term) -> Component:
     """A term beside the others; of no size where it explains hardly anything that they do not."""
     joint = fit(library.mismatch, noise, terms)
-    without = basis(library, noise, [t for t in terms if t is not term]).rss
+    without = basis(library, noise, [t for t in terms if t != term]).rss
     amplitudes = joint.amplitudes[list(terms).index(term)]
     if without <= (1 + _LEAST_OWN) * joint.rss:
         return Component(term, amplitudes, 0.0)

@@ -1,14 +1,18 @@
 """What a simulation is made of, read from its own current."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.contained import contained
+from pido.diagnosis.contained import _component, contained
+from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.state import axis_states
+from pido.diagnosis.terms import Term
 from tests.diagnosis.planted import NOISE, white
 
 
@@ -34,3 +38,18 @@ def test_a_friction_that_falls_with_speed_is_coulombs_and_stribecks(v_s, seed):
     found = contained(mismatch, CATALOGUE, white(mismatch), np.random.default_rng(seed))
     assert set(found) == {"coulomb_friction", "stribeck_friction"}
     np.testing.assert_allclose([found[i].amplitudes[0] for i in sorted(found)], [0.7, 0.48], rtol=0.05)
+
+
+def test_a_component_is_as_large_as_it_is_whichever_object_stands_for_it():
+    """A shape that was settled again is another object of the same term: left out, it must be left out."""
+    states = axis_states(list(_recordings(lambda v: 0.7 * np.sign(v))), "x")
+    mismatch = lay_out(states, [0.7 * np.sign(s.v) + 0.02 * s.v for s in states])
+    terms = [Term(m) for m in CATALOGUE if m.id in ("viscous_friction", "inertia")]
+    library = Library(mismatch, terms)
+    library.whiten(white(mismatch))
+    assert library.noise is not None
+    again = replace(terms[0])
+    assert again is not terms[0]
+    own = _component(library, library.noise, terms, terms[0])
+    assert own.size > NOISE
+    assert _component(library, library.noise, terms, again).size == own.size
