@@ -207,7 +207,7 @@ def best_rectangle(
     """
     if len(x) < _FEWEST_ROWS or not np.any(force) or np.ptp(x) == 0 or np.ptp(y) == 0:
         return None
-    value = value - force * float(force @ value) / float(force @ force)
+    value = _beside_one_for_all(force, value)
     edges, at = zip(*(_binned(v) for v in (x, y)), strict=True)
     cell = at[0] * _BINS + at[1]
     sums = []
@@ -233,7 +233,7 @@ def best_layer(place: Float2D, force: Float1D, value: Float1D) -> tuple[float, f
     """
     if len(force) < _FEWEST_ROWS or not np.any(force):
         return None
-    value = value - force * float(force @ value) / float(force @ force)
+    value = _beside_one_for_all(force, value)
     deep = np.ptp(place[2]) > 0
 
     def gain(azimuth: float, tilt: float) -> tuple[float, tuple[float, float, float, float] | None]:
@@ -255,7 +255,7 @@ def best_layer(place: Float2D, force: Float1D, value: Float1D) -> tuple[float, f
 
 def _best_ball(place: Float2D, x: float, y: float, force: Float1D, value: Float1D) -> tuple[float, float] | None:
     """Depth and radius of the ball about x and y inside which value = k * force has the k that differs most."""
-    value = value - force * float(force @ value) / float(force @ force)
+    value = _beside_one_for_all(force, value)
     best, ball = 0.0, None
     for z in np.linspace(place[2].min(), place[2].max(), _DEPTHS):
         edges, at = _binned(np.linalg.norm(place - np.array([[x], [y], [z]]), axis=0))
@@ -277,6 +277,11 @@ def _best_interval(along: Float1D, force: Float1D, value: Float1D) -> tuple[floa
     gain = _differs(inner[last] - inner[first], own[last] - own[first], float(force @ force))
     k = int(np.argmax(gain))
     return (*_middle(edges, first[k], last[k]), float(gain[k])) if gain[k] > 0 else None
+
+
+def _beside_one_for_all(force: Float1D, value: Float1D) -> Float1D:
+    """(n,) – what one k for all rows leaves of value = k * force."""
+    return value - force * float(force @ value) / float(force @ force)
 
 
 def _binned(values: Float1D) -> tuple[Float1D, Int1D]:
