@@ -20,6 +20,7 @@ from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.core.wild import wild_samples
 from pido.diagnosis.bands import dead_bands
+from pido.diagnosis.belongs import of_another
 from pido.diagnosis.consistency import runs
 from pido.diagnosis.faults import beyond_load, extreme_loads
 from pido.diagnosis.state import motion
@@ -113,6 +114,8 @@ def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: 
         if not any(CURRENT[axis] in r and np.isfinite(r[CURRENT[axis]]).any() for r in parts):
             continue
         reason = _no_current(parts, axis) or _no_overlap(parts, axis, notes) or _nothing_to_explain_it(parts, axis)
+        if reason is None and all(CURRENT_SIM[axis] in r for r in parts):
+            reason = of_another(parts, axis)
         if reason is None:
             axes.append(axis)
             notes += _little_motion(axis, moving_s(parts, axis, bands))

@@ -176,34 +176,34 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
     axis = max(delay.by_axis, key=lambda a: delay.by_axis[a])
     m = axes[axis]
     moved = shift_target(m, delay)
-    rows = m.usable
+    rows = moved.usable
     recorded = (m.target + m.sim)[rows] if m.sim is not None else m.target[rows]
     total = float(np.var(recorded)) or 1.0
     before, after = m.target[rows], moved.target[rows]
-    p = float(stats.chi2.sf(delay.gain, 2))
-    parameters = {
-        "shift": Estimate(delay.offset, "s", (delay.offset - 1.96 * delay.sd[0], delay.offset + 1.96 * delay.sd[0]))
-    }
+    p = float(stats.chi2.sf(delay.gain, 1 + len(set(delay.offsets))))
+    parameters = {"shift": _estimated(delay.offset, "s", delay.sd[0])}
+    if delay.own:
+        each = zip(m.parts, delay.offsets, delay.sds, strict=True)
+        parameters |= {f"shift_{part}": _estimated(offset, "s", sd) for part, offset, sd in each}
     if delay.drift:
-        half = 1.96 * delay.sd[1]
-        parameters["drift"] = Estimate(delay.drift, "s/s", (delay.drift - half, delay.drift + half))
+        parameters["drift"] = _estimated(delay.drift, "s/s", delay.sd[1])
     others = ", ".join(a for a in delay.axes if a != axis)
-    late = "after" if delay.offset > 0 else "before"
     return Finding(
         axis=axis,
         mechanism="time_misalignment",
         kind="data_fault",
-        equation=f"curr_{axis}(t) = I_sim(t - shift{' - drift * t' if delay.drift else ''})",
+        equation=f"curr_{axis}(t) = I_sim(t - shift{' - drift * t' if delay.drift else ''})"
+        + (", with another shift in each part" if delay.own else ""),
         parameters=parameters,
         where=Where(
-            f"at every change of current: the recording comes {abs(delay.offset) * 1e3:.3g} ms {late} the simulation"
+            f"at every change of current: the recording comes {_late(delay, m.parts)}"
             + (f", on {others} as well" if others else ""),
             (),
             tuple(Interval(s.part, float(s.time[0]), float(s.time[-1]), 1.0) for s in m.states),
         ),
         evidence=Evidence(p, p, delay.gain),
         fit=HeldOut(
-            f"one shift for all parts{' and axes' if len(axes) > 1 else ''}",
+            f"one shift {'in each part' if delay.own else 'for all parts'}{', for all axes' if len(axes) > 1 else ''}",
             _rms(before),
             _rms(after),
             1 - _rms(before) ** 2 / total,
@@ -211,6 +211,24 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
             paired_p(m.target**2 - moved.target**2, m, rows),
         ),
     )
+
+
+def _estimated(value: float, unit: str, sd: float) -> Estimate:
+    return Estimate(value, unit, (value - 1.96 * sd, value + 1.96 * sd))
+
+
+def _late(delay: Delay, parts: Sequence[str]) -> str:
+    """By how much the recording comes after or before the simulation, in words."""
+
+    def said(offset: float) -> str:
+        size = f"{abs(offset):.4g} s" if abs(offset) >= 1.0 else f"{abs(offset) * 1e3:.3g} ms"
+        return f"{size} {'after' if offset > 0 else 'before'} the simulation"
+
+    if not delay.own:
+        return said(delay.offset)
+    low, high = int(np.argmin(delay.offsets)), int(np.argmax(delay.offsets))
+    ends = [f"{said(delay.offsets[k])} in part {parts[k]}" for k in (low, high)]
+    return f"by another time in each part, from {ends[0]} to {ends[1]}"
 
 
 def _merged(part: str, spans: Sequence[tuple[float, float]]) -> list[Interval]:

@@ -33,7 +33,7 @@ from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
 from pido.diagnosis.flexible import flexible_rest
 from pido.diagnosis.identify import Answer
-from pido.diagnosis.in_time import in_its_time, in_time
+from pido.diagnosis.in_time import exactly, in_its_time, in_time
 from pido.diagnosis.locate import score
 from pido.diagnosis.loop import answered
 from pido.diagnosis.misfit import acting
@@ -116,9 +116,12 @@ def _diagnose(
 
     looks = each(_look_at, {a: (parts, a, machine, limits[a]) for a in axes}, 0, "first look at")
     delays, answers = in_its_time(looks, limits, lambda work, given, what: each(work, given, 0, what))
-    for delay in dict.fromkeys(delays.values()):
-        findings.append(timing_finding(delay, {a: looks[a].mismatch for a, d in delays.items() if d is delay}))
     looks.clear()
+    for delay in dict.fromkeys(delays.values()):
+        whole = {a: _lay_out(parts, a, machine, limits[a], searching=False) for a in delay.by_axis}
+        exact = exactly(delay, whole, answers)
+        findings.append(timing_finding(exact, whole))
+        delays |= {a: exact for a, d in delays.items() if d is delay}
     proved = each(
         _prove, {a: (parts, answers[a], machine, limits[a], delays.get(a)) for a in axes}, len(axes), "proof of"
     )
@@ -277,6 +280,7 @@ def _settle(
         found.fit.amplitudes,
         equation,
         (0.0, 0.0) if delay is None or full.base_names else (delay.offset, delay.drift),
+        dict(zip(full.parts, delay.offsets, strict=True)) if delay is not None and delay.own else {},
         dict(limits),
         largest=tuple(
             float(np.max(np.abs(a @ t.columns(full.states)), initial=0.0))

@@ -1,7 +1,7 @@
-"""Signals that are wrong, not physics: faulty inputs, a clipped current, a shift in time.
+"""Signals that are wrong, not physics: faulty inputs, a clipped current.
 
 In:  a recording.
-Out: `input_faults` as intervals per column, `clipping` as the limits that a current never leaves, `time_shift`.
+Out: `input_faults` as intervals per column, `clipping` as the limits that a current never leaves.
 Position, speed and acceleration of an axis must belong together (`pido.diagnosis.consistency`, with thresholds from the
 data's own noise); the only fixed numbers are speeds and accelerations that no mill reaches. A fault is never fitted.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POSITION, VELOCITY
+from pido.core.columns import ACCELERATION, CURRENT, FORCE_SIM, POSITION, VELOCITY
 from pido.core.recording import Recording
 from pido.diagnosis.consistency import FROZEN, JUMP, contradictions, runs
 
@@ -126,36 +126,6 @@ def clipping(recording: Recording, axis: str) -> tuple[float, float] | None:
     if not any(flat):
         return None
     return float(current[low].max()) if flat[0] else -np.inf, float(current[high].min()) if flat[1] else np.inf
-
-
-def time_shift(recording: Recording, axis: str, longest_s: float = 1.0) -> tuple[float, float] | None:
-    """(shift s, correlation) – by how much the recorded current lags the simulated one; None without both or motion.
-
-    The lag of the largest correlation of the changes of both signals, refined by a parabola through its neighbours.
-    """
-    if CURRENT[axis] not in recording or CURRENT_SIM[axis] not in recording or len(recording) < 50:
-        return None
-    curr, sim = recording[CURRENT[axis]], recording[CURRENT_SIM[axis]]
-    good = np.isfinite(curr) & np.isfinite(sim)
-    y, x = (np.diff(np.where(good, s, 0.0)) for s in (curr, sim))
-    y, x = y - y.mean(), x - x.mean()
-    if not (np.any(x) and np.any(y)):
-        return None
-    dt = float(np.median(np.diff(recording.time)))
-    most = min(len(x) // 4, max(2, int(longest_s / dt)))
-    size = 1 << int(np.ceil(np.log2(2 * len(x))))
-    cross = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(x, size)), size)
-    lags = np.arange(-most, most + 1)
-    # Correlation of the overlap itself, or the smaller overlap of a larger lag would pull the maximum towards zero.
-    size_x, size_y = (np.r_[0.0, np.cumsum(u**2)] for u in (x, y))
-    ahead, behind = np.maximum(lags, 0), np.maximum(-lags, 0)
-    energy = (size_x[len(x) - ahead] - size_x[behind]) * (size_y[len(x) - behind] - size_y[ahead])
-    c = cross[lags] / np.sqrt(np.maximum(energy, 1e-300))
-    k = int(np.argmax(c))
-    fine = 0.0
-    if 0 < k < len(c) - 1 and (bend := c[k - 1] - 2 * c[k] + c[k + 1]) < 0:
-        fine = 0.5 * (c[k - 1] - c[k + 1]) / bend
-    return float((lags[k] + fine) * dt), float(c[k])
 
 
 def _faults_of_axis(recording: Recording, axis: str) -> Faults:

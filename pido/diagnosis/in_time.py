@@ -12,14 +12,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pido.diagnosis.confirm import plain_error
+from pido.diagnosis.confirm import even, plain_error
 from pido.diagnosis.datafaults import Limits
 from pido.diagnosis.forms import AS_GOOD
 from pido.diagnosis.identify import Answer, noise_of
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.terms import fit
-from pido.diagnosis.timing import Delay, find_delay, shift_target
+from pido.diagnosis.timing import Delay, find_delay, sharpened, shift_target
 from pido.diagnosis.whiten import Noise
 
 _CLEARLY = 0.8  # of the error on unseen folds that is left at most where one axis is late by itself
@@ -61,6 +61,19 @@ def in_its_time(
 def in_time(mismatch: Mismatch, delay: Delay) -> Mismatch:
     """The same axis without its delay; as it is where it is compared with the equation, whose inputs are as late."""
     return mismatch if mismatch.sim is None or mismatch.base_names else shift_target(mismatch, delay)
+
+
+def exactly(delay: Delay, whole: Mapping[str, Mismatch], answers: Mapping[str, Answer]) -> Delay:
+    """The delay as every row has it, beside what was named on its axes.
+
+    whole : each axis that it is of, on every row
+    """
+    beside = {}
+    for axis, mismatch in whole.items():
+        moved = in_time(mismatch, delay)
+        named = moved.target - fit(moved, even(moved), answers[axis].terms).residual
+        beside[axis] = mismatch.with_target(mismatch.target - named)
+    return sharpened(delay, beside)
 
 
 def no_worse(again: Answers, former: Answers) -> bool:

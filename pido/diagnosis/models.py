@@ -84,6 +84,7 @@ class AxisModel:
 
     noise_level : A – what the residual of this axis usually is
     delay : s – the recording lags the simulation by delay[0] + delay[1] * time
+    late : per part that lags by another time, s – in place of delay[0], which is then their mean
     limits : per part, A – the recorded current never leaves them; a part that was not seen has the widest
     largest : per term, A – its largest effect on the diagnosed parts; where it is not known, nothing is bounded
     known : what every diagnosed part said of the axis (fields of AxisState that a part may leave out)
@@ -95,6 +96,7 @@ class AxisModel:
     amplitudes: tuple[Float1D, ...] = ()
     equation: Equation | None = None
     delay: tuple[float, float] = (0.0, 0.0)
+    late: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=())
     largest: tuple[float, ...] = ()
@@ -118,8 +120,9 @@ class AxisModel:
         Raises DiagnosisError where the part does not say what a finding follows from, and the diagnosed parts did.
         """
         total = np.zeros(len(state.time))
-        if any(self.delay):
-            total += shifted(state.time, simulated, self.delay) - simulated
+        delay = (self.late.get(recording.part.part, self.delay[0]), self.delay[1])
+        if any(delay):
+            total += shifted(state.time, simulated, delay) - simulated
         if self.equation is not None:
             total += self.equation.of(recording, state, self.equation.joint) - simulated
         bounds = self.largest or (np.inf,) * len(self.terms)
@@ -196,6 +199,7 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
     return {
         "noise_level": m.noise_level,
         "delay": list(m.delay),
+        "late": dict(m.late),
         "limits": {p: [v if np.isfinite(v) else None for v in limits] for p, limits in m.limits.items()},
         "equation": None
         if m.equation is None
@@ -218,6 +222,7 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         if equation is None
         else Equation(tuple(equation["names"]), np.asarray(equation["alone"]), np.asarray(equation["joint"])),
         delay=(float(data["delay"][0]), float(data["delay"][1])),
+        late={str(part): float(offset) for part, offset in data.get("late", {}).items()},
         limits={
             part: (-np.inf if low is None else float(low), np.inf if high is None else float(high))
             for part, (low, high) in data["limits"].items()

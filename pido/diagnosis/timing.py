@@ -1,45 +1,71 @@
-"""Whether the recording lags the simulation: one delay, possibly drifting, that all axes agree on.
+"""Whether the recording lags the simulation: one delay, possibly drifting, or one in each part, that all axes agree on.
 
 In:  the axes of all parts, with simulated currents, and the noise of each.
 Out: `Delay`, or None. It competes with the best mechanism of every axis, because an inertia, too, looks like a shifted
      friction: a real shift is the same on all axes, so what it explains there adds up.
-Source: maximum likelihood over the delay, whitened; drift by Gauss-Newton on the slope of the simulated current.
+Source: maximum likelihood over the delay, whitened; drift by Gauss-Newton on the slope of the simulated current; where
+it may be, by the cross-correlation of the changes of both currents. The final numbers by least squares on every row,
+with a variance over blocks (White 1982).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy import stats
+from scipy import signal, stats
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.diagnosis.confirm import SIGNIFICANT, even
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import shifted
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
 
-_LONGEST_S = 0.5
+_NEAR_S = 0.5  # a shift within which each step is tried
+_FARTHEST = 0.5  # of a part, by which it may be shifted
+_HELD_S = 0.5  # beyond its ends, for which a simulation is taken to stay as it is there
 _LEAST_STEPS = 0.05  # steps of the recording, from which a shift is one
 _LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
+_GAIN_PER_NUMBER = 12.0  # of the likelihood, 2 log, that a drift is to add, and each further part with its own shift
+_TURNS = 4  # of Gauss-Newton
 
-Pair = tuple[float, float]  # offset in s and drift in s/s, or their standard deviations
+At = Float1D
+"""(parts + 1,) – where a delay is looked for: the shift of each part in s, and the drift of all in s/s."""
+Moved = Callable[[Float1D, Float1D, tuple[float, float]], Float1D]
 
 
 @dataclass(frozen=True, eq=False)
 class Delay:
     """The recording shows at t what the simulation has at t - offset - drift * t.
 
+    offsets : per part, s; the same in all, or `own` in each
+    sd : of the offset (of their mean) and of the drift; sds : of each part's own
     gain : 2 log likelihood over all axes; by_axis : its parts
     """
 
-    offset: float  # s
+    offsets: tuple[float, ...]
     drift: float  # s/s
     sd: tuple[float, float]
     gain: float
     by_axis: Mapping[str, float]
+    sds: tuple[float, ...] = ()
+
+    @property
+    def own(self) -> bool:
+        """Whether each part has a shift of its own."""
+        return bool(np.ptp(self.offsets))
+
+    @property
+    def offset(self) -> float:
+        """s – the mean of the parts."""
+        return float(np.mean(self.offsets))
+
+    @property
+    def at(self) -> At:
+        return np.r_[self.offsets, self.drift]
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -59,20 +85,9 @@ def find_delay(
     with_sim = {a: m for a, m in axes.items() if m.sim is not None and np.ptp(m.sim[m.usable]) > 0}
     if not with_sim:
         return None
-    finest = min(s.dt for m in with_sim.values() for s in m.states)
-    step = finest * max(m.stride for m in with_sim.values())
-    before = {a: _rss(m, noises[a], (0.0, 0.0)) for a, m in with_sim.items()}
-    reach = int(np.ceil(_LONGEST_S / step))
-    tries = np.unique(np.round(np.r_[np.arange(-4, 5), np.linspace(-reach, reach, min(41, 2 * reach + 1))])) * step
-    best = max(((float(d), 0.0) for d in tries), key=lambda d: sum(_gains(with_sim, noises, before, d).values()))
-    sd = (0.0, 0.0)
-    for drifting in (False, True):
-        for _ in range(4):
-            best, sd = _step(with_sim, noises, best, drifting, before)
-    steady, _ = _steady(with_sim, noises, best, before)
-    gains, gains_steady = _gains(with_sim, noises, before, best), _gains(with_sim, noises, before, steady)
-    if sum(gains.values()) < sum(gains_steady.values()) + 12.0:
-        best, gains, sd = steady, gains_steady, (sd[0], 0.0)
+    sought = _Sought(with_sim, noises)
+    best, sd = sought.found()
+    gains = sought.gains(best)
     total = sum(gains.values())
     if total < _LEAST_GAIN:
         return None
@@ -81,85 +96,208 @@ def find_delay(
     if sum(g > 0 for g in gains.values()) < 2 and against > _LEAST_GAIN:
         return None
     # So small a part of a sample is what any dynamics beside the simulation's look like, and no clock.
+    finest = min(s.dt for m in with_sim.values() for s in m.states)
     longest = max(float(s.time[-1]) for m in with_sim.values() for s in m.states)
-    if max(abs(best[0]), abs(best[0] + best[1] * longest)) < _LEAST_STEPS * finest:
+    if max(np.max(np.abs(best[:-1])), np.max(np.abs(best[:-1] + best[-1] * longest))) < _LEAST_STEPS * finest:
         return None
     beside = rivals()
     if total < 1.1 * sum(max(0.0, beside.get(a, 0.0)) for a in with_sim):
         return None
-    return Delay(best[0], best[1], _as_wide(with_sim, noises, best, sd), total, gains)
+    return _delay(best, sd, total, gains)
 
 
-def _as_wide(axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], best: Pair, sd: Pair) -> Pair:
-    """`sd`, or what makes a 95 % interval reach the delay that even weights find: were the two signals the same but for
-    the delay, the weights would not matter (in the spirit of Hausman 1978).
+def sharpened(delay: Delay, axes: Mapping[str, Mismatch]) -> Delay:
+    """The delay as every row of these axes has it, without what is known to be missing beside it.
+
+    By even weights: weights that listen to what is quick listen to what the simulation is between its samples. That
+    nobody knows; by how much the delay is another one where it goes straight from one to the next widens the interval.
     """
-    flat = {a: replace(even(m), level=np.full(m.n, float(np.median(noises[a].level)))) for a, m in axes.items()}
-    before = {a: _rss(m, flat[a], (0.0, 0.0)) for a, m in axes.items()}
-    other = best
-    for _ in range(4):
-        other, _ = _step(axes, flat, other, best[1] != 0.0, before)
-    offset, drift = (max(s, abs(o - b) / 1.96) for s, o, b in zip(sd, other, best, strict=True))
-    return offset, drift
+    noises = {a: even(m) for a, m in axes.items()}
+    sought, straight = _Sought(axes, noises), _Sought(axes, noises, _straight)
+    basis = sought.own if delay.own else sought.drifting if delay.drift else sought.steady
+    if delay.own and delay.drift:
+        basis = np.eye(len(delay.at))
+    best, _ = sought.refined(delay.at, basis)
+    other, _ = straight.refined(best, basis)
+    spread = sought.spread(best, basis)
+    wider = np.sqrt(np.maximum(np.diag(spread), 0.0)) + np.abs(other - best) / 1.96
+    return _delay(best, spread, delay.gain, delay.by_axis, wider)
 
 
 def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:
-    """The same axis compared with the simulation at the right time."""
-    moved = _compared(mismatch, _shifted(mismatch, (delay.offset, delay.drift)))
-    return replace(mismatch, target=moved, before_moving=mismatch.target)
+    """The same axis compared with the simulation at the right time; rows for which nothing is simulated then are not
+    used."""
+    usable = mismatch.usable & _inside(mismatch, delay.at)
+    starts = mismatch.starts | ~usable
+    starts[1:] |= ~usable[:-1]
+    moved = np.where(usable, _compared(mismatch, _shifted(mismatch, delay.at)), 0.0)
+    return replace(mismatch, target=moved, before_moving=mismatch.target, usable=usable, starts=starts)
 
 
-def _steady(
-    axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], start: Pair, before: Mapping[str, float]
-) -> tuple[Pair, Pair]:
-    """The best delay that does not drift, and its standard deviation."""
-    best, sd = (start[0], 0.0), (0.0, 0.0)
-    span = max(float(s.time[-1]) for m in axes.values() for s in m.states)
-    best = max(
-        ((start[0] + start[1] * span / 2, 0.0), best), key=lambda d: sum(_gains(axes, noises, before, d).values())
-    )
-    for _ in range(4):
-        best, sd = _step(axes, noises, best, False, before)
-    return best, sd
+def _delay(best: At, covariance: Float2D, gain: float, gains: Mapping[str, float], sd: At | None = None) -> Delay:
+    """covariance : (parts + 1, parts + 1), of `best`; sd : of each of its numbers, where it is more than that"""
+    usual = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sd = usual if sd is None else sd
+    of_mean = float(np.sqrt(max(np.mean(covariance[:-1, :-1]), 0.0)) + np.mean(sd[:-1] - usual[:-1]))
+    offsets, each = (tuple(float(v) for v in values[:-1]) for values in (best, sd))
+    return Delay(offsets, float(best[-1]), (of_mean, float(sd[-1])), gain, gains, each)
 
 
-def _step(
-    axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], at: Pair, drifting: bool, before: Mapping[str, float]
-) -> tuple[Pair, Pair]:
-    """One Gauss-Newton step, halved until it helps."""
-    gram, inner = np.zeros((2, 2)), np.zeros(2)
-    for a, m in axes.items():
-        moved = _shifted(m, at)
+class _Sought:
+    """The delay of some axes under some weights.
+
+    moved : (time, values, delay) -> (n,), the signal as it is seen later
+    """
+
+    def __init__(self, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], moved: Moved = shifted):
+        self.axes, self.noises, self.moved = axes, noises, moved
+        self.parts = len(next(iter(axes.values())).states)
+        self.nowhere = np.zeros(self.parts + 1)
+        self.before = {a: self._errors(a, self.nowhere) for a in axes}
+        one = np.r_[np.ones(self.parts), 0.0][:, None]
+        self.steady = one
+        self.drifting = np.hstack([one, 1.0 - one])
+        self.own = np.eye(self.parts + 1)[:, : self.parts]
+
+    def found(self) -> tuple[At, Float2D]:
+        """The delay that explains most for its numbers, and its covariance."""
+        tries = [np.r_[np.full(self.parts, d), 0.0] for d in self._tries]
+        peaks = self._peaks
+        tries += [np.r_[np.full(self.parts, float(np.median(peaks))), 0.0], np.r_[peaks, 0.0]]
+        by_part = np.array([self._by_part(at) for at in tries])  # (tries, parts)
+        common = tries[int(np.argmax(by_part[:-1].sum(axis=1)))]
+        steady = self.refined(common, self.steady)
+        drifting = self.refined(steady[0], self.drifting)
+        span = max(float(s.time[-1]) for m in self.axes.values() for s in m.states)
+        middle = np.r_[drifting[0][:-1] + drifting[0][-1] * span / 2, 0.0]
+        steady = max(steady, self.refined(middle, self.steady), key=lambda found: self._total(found[0]))
+        chosen = [(steady, 1), (drifting, 2)]
+        if self.parts > 1:
+            each = np.array([at[k] for k, at in enumerate(np.array(tries)[np.argmax(by_part, axis=0)])])
+            own = self.refined(np.r_[each, 0.0], self.own)
+            chosen += [(own, self.parts), (self.refined(own[0], np.eye(self.parts + 1)), self.parts + 1)]
+        return max(chosen, key=lambda found: self._total(found[0][0]) - _GAIN_PER_NUMBER * found[1])[0]
+
+    def refined(self, at: At, basis: Float2D) -> tuple[At, Float2D]:
+        """Gauss-Newton from `at` along `basis`, (parts + 1, q), each step halved until it helps; the covariance is
+        that of the last step, were all else as the noise says."""
+        at = at * (basis.any(axis=1))
+        covariance = np.zeros((len(at), len(at)))
+        for _ in range(_TURNS):
+            gram, inner = self._normal(at)
+            inverse = np.linalg.pinv(basis.T @ gram @ basis)
+            move = basis @ (inverse @ (basis.T @ inner))
+            covariance = basis @ inverse @ basis.T
+            now = self._total(at)
+            better = (at + share * move for share in (1.0, 0.5, 0.25))
+            new = next((b for b in better if self._total(b) > now), None)
+            if new is None:
+                break
+            at = new
+        return at, covariance
+
+    def spread(self, at: At, basis: Float2D) -> Float2D:
+        """(parts + 1, parts + 1) – covariance of `at` over blocks, whatever the noise forgets or not."""
+        gram, _ = self._normal(at)
+        inverse = basis @ np.linalg.pinv(basis.T @ gram @ basis) @ basis.T
+        scores = np.sum([self._scores(a, m, at) for a, m in self.axes.items()], axis=0)
+        free = max(1, len(scores) - basis.shape[1])
+        return len(scores) / free * inverse @ (scores.T @ scores) @ inverse
+
+    def gains(self, at: At) -> dict[str, float]:
+        """2 log likelihood over no delay, per axis."""
+        return {
+            a: int(self.noises[a].valid.sum()) * float(np.log(b.sum() / self._errors(a, at).sum()))
+            for a, b in self.before.items()
+        }
+
+    def _total(self, at: At) -> float:
+        return sum(self.gains(at).values())
+
+    def _by_part(self, at: At) -> Float1D:
+        """(parts,) – what each part gains by itself."""
+        gains = [
+            np.array([self.noises[a].valid[i:j].sum() for _, i, j in _parts(m)])
+            * np.log(self.before[a] / self._errors(a, at))
+            for a, m in self.axes.items()
+        ]
+        return np.sum(gains, axis=0)
+
+    def _errors(self, axis: str, at: At) -> Float1D:
+        """(parts,) – sum of squares, as if the rows for which nothing is simulated were like the others."""
+        m = self.axes[axis]
+        inside = _inside(m, at)
+        left = np.where(inside & m.usable, _compared(m, _shifted(m, at, self.moved)), 0.0)
+        white = self.noises[axis].whiten(left[None])[0]
+        share = [max(float(np.mean(inside[i:j])), 1e-3) for _, i, j in _parts(m)]
+        return np.array([max(float(white[i:j] @ white[i:j]), 1e-30) for _, i, j in _parts(m)]) / share
+
+    def _normal(self, at: At) -> tuple[Float2D, Float1D]:
+        """Gram matrix and inner products of one step, over all axes."""
+        gram, inner = np.zeros((len(at), len(at))), np.zeros(len(at))
+        for axis, m in self.axes.items():
+            rows, y = self._step_rows(axis, m, at)
+            for k, (_, i, j) in enumerate(_parts(m)):
+                slope, timed, left = rows[0, i:j], rows[1, i:j], y[i:j]
+                gram[k, k] += slope @ slope
+                gram[k, -1] += slope @ timed
+                gram[-1, k] += slope @ timed
+                gram[-1, -1] += timed @ timed
+                inner[k] -= slope @ left
+                inner[-1] -= timed @ left
+        return gram, inner
+
+    def _scores(self, axis: str, m: Mismatch, at: At) -> Float2D:
+        """(blocks, parts + 1)"""
+        rows, y = self._step_rows(axis, m, at)
+        blocks = int(m.block.max()) + 1
+        out = np.zeros((blocks, len(at)))
+        for k, (_, i, j) in enumerate(_parts(m)):
+            out[:, k] = np.bincount(m.block[i:j], rows[0, i:j] * y[i:j], blocks)
+        out[:, -1] = np.bincount(m.block, rows[1] * y, blocks)
+        return out
+
+    def _step_rows(self, axis: str, m: Mismatch, at: At) -> tuple[Float2D, Float1D]:
+        """(2, n) slope of the moved simulation, alone and times t, and (n,) what is left; whitened."""
+        moved = _shifted(m, at, self.moved)
+        use = m.usable & _inside(m, at)
         slope = np.concatenate([np.gradient(moved[i:j], s.time) for s, i, j in _parts(m)])
         time = np.concatenate([s.time for s in m.states])
-        rows = noises[a].whiten(np.where(m.usable, np.nan_to_num([slope, slope * time]), 0.0))
-        y = noises[a].whiten(_compared(m, moved)[None])[0]
-        gram += rows @ rows.T
-        inner -= rows @ y
-    if not drifting:
-        gram, inner = gram[:1, :1], inner[:1]
-    inverse = np.linalg.pinv(gram)
-    move = inverse @ inner
-    sd = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    now = sum(_gains(axes, noises, before, at).values())
-    for share in (1.0, 0.5, 0.25):
-        new = (at[0] + share * float(move[0]), at[1] + (share * float(move[1]) if drifting else 0.0))
-        if sum(_gains(axes, noises, before, new).values()) > now:
-            return new, (float(sd[0]), float(sd[1]) if drifting else 0.0)
-    return at, (float(sd[0]), float(sd[1]) if drifting else 0.0)
+        rows = np.where(use, np.nan_to_num([slope, slope * time]), 0.0)
+        y = np.where(use, _compared(m, moved), 0.0)
+        return self.noises[axis].whiten(rows), self.noises[axis].whiten(y[None])[0]
+
+    @cached_property
+    def _tries(self) -> Float1D:
+        """s – shifts of all parts that are near."""
+        step = min(s.dt for m in self.axes.values() for s in m.states) * max(m.stride for m in self.axes.values())
+        reach = int(np.ceil(_NEAR_S / step))
+        return np.unique(np.round(np.r_[np.arange(-4, 5), np.linspace(-reach, reach, min(41, 2 * reach + 1))])) * step
+
+    @cached_property
+    def _peaks(self) -> Float1D:
+        """(parts,), s – the shift at which the changes of both currents are most alike, on all axes together."""
+        out = []
+        for k in range(self.parts):
+            total: Float1D | None = None
+            for axis, m in self.axes.items():
+                alike = _alike(m, k) / float(np.median(self.noises[axis].level)) ** 2
+                total = alike if total is None else total + alike
+            assert total is not None
+            n = (len(total) + 1) // 2
+            lags = np.arange(-n + 1, n)
+            near = np.abs(lags) <= _FARTHEST * n
+            out.append(float(lags[near][np.argmax(total[near])]) * next(iter(self.axes.values())).step)
+        return np.array(out)
 
 
-def _gains(
-    axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], before: Mapping[str, float], delay: Pair
-) -> dict[str, float]:
-    return {
-        a: int(noises[a].valid.sum()) * float(np.log(before[a] / _rss(m, noises[a], delay))) for a, m in axes.items()
-    }
-
-
-def _rss(mismatch: Mismatch, noise: Noise, delay: Pair) -> float:
-    white = noise.whiten(_compared(mismatch, _shifted(mismatch, delay))[None])[0]
-    return max(float(white @ white), 1e-30)
+def _alike(m: Mismatch, part: int) -> Float1D:
+    """(2 n - 1,) – products of the changes of recorded and simulated current, summed, at every shift in rows."""
+    rows = slice(int(m.edges[part]), int(m.edges[part + 1]))
+    use = m.usable[rows]
+    seen, sim = (np.diff(np.where(use, v[rows], 0.0)) for v in (m.target + np.nan_to_num(m.simulated), m.simulated))
+    follows = use[1:] & use[:-1]
+    return signal.correlate(np.where(follows, seen, 0.0), np.where(follows, sim, 0.0), method="fft")
 
 
 def _compared(mismatch: Mismatch, moved: Float1D) -> Float1D:
@@ -167,11 +305,32 @@ def _compared(mismatch: Mismatch, moved: Float1D) -> Float1D:
     return np.where(mismatch.usable, mismatch.target + mismatch.simulated - moved, 0.0)
 
 
-def _shifted(mismatch: Mismatch, delay: Pair) -> Float1D:
+def _straight(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
+    """As `shifted`, with straight lines between samples."""
+    good = np.isfinite(values)
+    return np.interp(time - delay[0] - delay[1] * time, time[good], values[good]) if good.any() else values
+
+
+def _shifted(mismatch: Mismatch, at: At, moved: Moved = shifted) -> Float1D:
     sim = mismatch.simulated
-    if not any(delay):
+    if not at.any():
         return sim
-    return np.concatenate([shifted(s.time, sim[i:j], delay) for s, i, j in _parts(mismatch)])
+    each = zip(_parts(mismatch), at[:-1], strict=True)
+    return np.concatenate([moved(s.time, sim[i:j], (float(late), float(at[-1]))) for (s, i, j), late in each])
+
+
+def _inside(mismatch: Mismatch, at: At) -> Bool1D:
+    """(n,) – rows that fall, when the simulation is moved, within what is simulated; a shift held at the ends of a
+    part for less than a second counts as within."""
+    out = np.ones(mismatch.n, bool)
+    sim = mismatch.simulated
+    for (s, i, j), late in zip(_parts(mismatch), at[:-1], strict=True):
+        known = s.time[np.isfinite(sim[i:j])]
+        if not len(known):
+            continue
+        source = s.time - late - at[-1] * s.time
+        out[i:j] = (source >= known[0] - _HELD_S) & (source <= known[-1] + _HELD_S)
+    return out
 
 
 def _parts(mismatch: Mismatch) -> Sequence[tuple[AxisState, int, int]]:

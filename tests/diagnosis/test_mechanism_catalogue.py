@@ -11,7 +11,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.answers import equation_text
 from pido.diagnosis.bends import Bend
-from pido.diagnosis.faults import clipping, input_faults, time_shift
+from pido.diagnosis.faults import clipping, input_faults
 from pido.diagnosis.formulas import Formula, Surface
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -207,15 +207,6 @@ def test_a_limited_current_is_seen_and_a_noisy_one_is_not():
     made = recording()
     assert clipping(made.with_columns(curr_x=current), "x") is None
     assert clipping(made.with_columns(curr_x=np.minimum(current, 2.0)), "x") == (-np.inf, 2.0)
-
-
-@pytest.mark.parametrize("lag", [-0.2, 0.034, 0.5])
-def test_a_shift_in_time_is_measured(lag):
-    made = recording()
-    t = made.time
-    signal = lambda u: np.sin(u) + np.sin(2.7 * u) + np.tanh(8 * np.sin(0.9 * u))  # noqa: E731
-    shifted = made.with_columns(curr_x_sim=signal(t), curr_x=signal(t - lag))
-    assert time_shift(shifted, "x")[0] == pytest.approx(lag, abs=0.005)
 
 
 def test_an_edge_turns_the_spindle_with_the_lever_of_its_tool():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pido.core.recording import Recording
+from pido.diagnosis.correct import correct
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.in_time import no_worse
 from pido.diagnosis.mismatch import lay_out
@@ -13,7 +14,7 @@ from pido.diagnosis.search import Look, best_gain
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.timing import find_delay
+from pido.diagnosis.timing import find_delay, sharpened
 from pido.diagnosis.whiten import Noise
 from pido.reports.diagnosis import verdict
 from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
@@ -58,6 +59,54 @@ def test_a_shift_of_less_than_a_sample_is_found_and_its_interval_holds_it(offset
     assert found is not None
     for value, truth, sd in zip((found.offset, found.drift), (offset, drift), found.sd, strict=True):
         assert abs(value - truth) <= 3 * max(sd, 1e-5)
+
+
+def _late_by(*offsets):
+    """x with friction and inertia, its recorded current late by another time in each part."""
+    rng = np.random.default_rng(2)
+    for late, recording in zip(offsets, recordings(len(offsets)), strict=True):
+        t, sim = recording.time, recording["curr_x_sim"]
+        seen = np.interp(t - late, t, sim) + rng.normal(0, NOISE, len(t))
+        kept = {k: v for k, v in recording.columns.items() if not k.endswith("_sp") and "_sp_" not in k}
+        yield Recording(recording.part, kept | {"curr_x": seen})
+
+
+def test_parts_that_are_late_by_another_time_each_have_a_shift_of_their_own():
+    offsets = (0.05, -0.03, 0.0, 0.02)
+    made = list(_late_by(*offsets))
+    found = diagnose(made)
+    (shift,) = found.findings
+    assert (shift.mechanism, shift.fit.scheme) == ("time_misalignment", "one shift in each part")
+    assert "from 30" in shift.where.summary
+    assert "in part p1 to 50" in shift.where.summary
+    for k, late in enumerate(offsets):
+        own = shift.parameters[f"shift_p{k}"]
+        assert own.value == pytest.approx(late, abs=1.5e-3)
+    assert shift.fit.rmse_after < 0.3 * shift.fit.rmse_before
+    # What was diagnosed is corrected by its own shift.
+    for recording in made:
+        again = correct(found.model, recording)
+        left = recording["curr_x"] - again.corrected["x"]
+        assert np.sqrt(np.mean(left**2)) < 0.3 * shift.fit.rmse_before
+
+
+def test_a_shift_of_many_seconds_is_a_shift_and_no_physics():
+    found = diagnose(list(_late_by(2.7, 2.7, 2.7)))
+    (shift,) = found.findings
+    assert (shift.mechanism, shift.fit.scheme) == ("time_misalignment", "one shift for all parts")
+    assert shift.parameters["shift"].value == pytest.approx(2.7, abs=2e-3)
+
+
+def test_the_last_digits_of_a_shift_are_those_of_every_row():
+    """Rows that a search averages have no peaks, and what they lack looks like a part of the shift."""
+    made = list(_late_by(-0.0273, -0.0273, -0.0273))
+    states = axis_states(made, "x")
+    thin, whole = (lay_out(states, [s.curr - s.sim for s in states], stride=k) for k in (4, 1))
+    rough = find_delay({"x": thin}, {"x": Noise(np.zeros(0), np.full(thin.n, NOISE / 2), 1.0, thin.usable)})
+    assert rough is not None
+    exact = sharpened(rough, {"x": whole})
+    assert abs(exact.offset + 0.0273) < abs(rough.offset + 0.0273)
+    assert abs(exact.offset + 0.0273) < 3 * exact.sd[0]
 
 
 def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
