@@ -26,6 +26,7 @@ from pido.diagnosis.whiten import Noise
 
 _NEAR_S = 0.5  # a shift within which each step is tried
 _FARTHEST = 0.5  # of a part, by which it may be shifted
+_STRETCHES = 5  # of a part, each with a shift of its own to begin with
 _HELD_S = 0.5  # beyond its ends, for which a simulation is taken to stay as it is there
 _LEAST_STEPS = 0.05  # steps of the recording, from which a shift is one
 _LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
@@ -116,7 +117,7 @@ def sharpened(delay: Delay, axes: Mapping[str, Mismatch]) -> Delay:
     sought, straight = _Sought(axes, noises), _Sought(axes, noises, _straight)
     basis = sought.own if delay.own else sought.drifting if delay.drift else sought.steady
     if delay.own and delay.drift:
-        basis = np.eye(len(delay.at))
+        basis = sought.all
     best, _ = sought.refined(delay.at, basis)
     other, _ = straight.refined(best, basis)
     spread = sought.spread(best, basis)
@@ -152,31 +153,40 @@ class _Sought:
     def __init__(self, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], moved: Moved = shifted):
         self.axes, self.noises, self.moved = axes, noises, moved
         self.parts = len(next(iter(axes.values())).states)
-        self.nowhere = np.zeros(self.parts + 1)
-        self.before = {a: self._errors(a, self.nowhere) for a in axes}
+        self.known: dict[tuple[str, bytes], Float1D] = {}
+        self.before = {a: self._errors(a, np.zeros(self.parts + 1)) for a in axes}
         one = np.r_[np.ones(self.parts), 0.0][:, None]
         self.steady = one
         self.drifting = np.hstack([one, 1.0 - one])
-        self.own = np.eye(self.parts + 1)[:, : self.parts]
+        self.all = np.eye(self.parts + 1)
+        self.own = self.all[:, :-1]
 
     def found(self) -> tuple[At, Float2D]:
         """The delay that explains most for its numbers, and its covariance."""
+        lines = self._lines()
         tries = [np.r_[np.full(self.parts, d), 0.0] for d in self._tries]
-        peaks = self._peaks
-        tries += [np.r_[np.full(self.parts, float(np.median(peaks))), 0.0], np.r_[peaks, 0.0]]
-        by_part = np.array([self._by_part(at) for at in tries])  # (tries, parts)
-        common = tries[int(np.argmax(by_part[:-1].sum(axis=1)))]
+        tries += map(self._common, lines)
+        common = max((at for at in tries if not at[-1]), key=self._total)
+        lines = [at for at in lines if self._total(at) > 0]
         steady = self.refined(common, self.steady)
-        drifting = self.refined(steady[0], self.drifting)
+        drifting = self._best([self.refined(at, self.drifting) for at in (steady[0], *map(self._common, lines))])
         span = max(float(s.time[-1]) for m in self.axes.values() for s in m.states)
         middle = np.r_[drifting[0][:-1] + drifting[0][-1] * span / 2, 0.0]
-        steady = max(steady, self.refined(middle, self.steady), key=lambda found: self._total(found[0]))
+        steady = self._best([steady, self.refined(middle, self.steady)])
         chosen = [(steady, 1), (drifting, 2)]
         if self.parts > 1:
-            each = np.array([at[k] for k, at in enumerate(np.array(tries)[np.argmax(by_part, axis=0)])])
-            own = self.refined(np.r_[each, 0.0], self.own)
-            chosen += [(own, self.parts), (self.refined(own[0], np.eye(self.parts + 1)), self.parts + 1)]
+            without = np.array([at for at in (*tries, *lines) if not at[-1]])
+            best = np.argmax([self._by_part(at) for at in without], axis=0)
+            own = self.refined(np.r_[without[best, np.arange(self.parts)], 0.0], self.own)
+            both = self._best([self.refined(at, self.all) for at in (own[0], *lines)])
+            chosen += [(own, self.parts), (both, self.parts + 1)]
         return max(chosen, key=lambda found: self._total(found[0][0]) - _GAIN_PER_NUMBER * found[1])[0]
+
+    def _common(self, at: At) -> At:
+        return np.r_[np.full(self.parts, float(np.median(at[:-1]))), at[-1]]
+
+    def _best(self, found: Sequence[tuple[At, Float2D]]) -> tuple[At, Float2D]:
+        return max(found, key=lambda each: self._total(each[0]))
 
     def refined(self, at: At, basis: Float2D) -> tuple[At, Float2D]:
         """Gauss-Newton from `at` along `basis`, (parts + 1, q), each step halved until it helps; the covariance is
@@ -225,12 +235,16 @@ class _Sought:
 
     def _errors(self, axis: str, at: At) -> Float1D:
         """(parts,) – sum of squares, as if the rows for which nothing is simulated were like the others."""
+        if (axis, at.tobytes()) in self.known:
+            return self.known[axis, at.tobytes()]
         m = self.axes[axis]
         inside = _inside(m, at)
         left = np.where(inside & m.usable, _compared(m, _shifted(m, at, self.moved)), 0.0)
         white = self.noises[axis].whiten(left[None])[0]
         share = [max(float(np.mean(inside[i:j])), 1e-3) for _, i, j in _parts(m)]
-        return np.array([max(float(white[i:j] @ white[i:j]), 1e-30) for _, i, j in _parts(m)]) / share
+        error = np.array([max(float(white[i:j] @ white[i:j]), 1e-30) for _, i, j in _parts(m)]) / share
+        self.known[axis, at.tobytes()] = error
+        return error
 
     def _normal(self, at: At) -> tuple[Float2D, Float1D]:
         """Gram matrix and inner products of one step, over all axes."""
@@ -274,30 +288,41 @@ class _Sought:
         reach = int(np.ceil(_NEAR_S / step))
         return np.unique(np.round(np.r_[np.arange(-4, 5), np.linspace(-reach, reach, min(41, 2 * reach + 1))])) * step
 
-    @cached_property
-    def _peaks(self) -> Float1D:
-        """(parts,), s – the shift at which the changes of both currents are most alike, on all axes together."""
-        out = []
-        for k in range(self.parts):
-            total: Float1D | None = None
-            for axis, m in self.axes.items():
-                alike = _alike(m, k) / float(np.median(self.noises[axis].level)) ** 2
-                total = alike if total is None else total + alike
-            assert total is not None
-            n = (len(total) + 1) // 2
-            lags = np.arange(-n + 1, n)
-            near = np.abs(lags) <= _FARTHEST * n
-            out.append(float(lags[near][np.argmax(total[near])]) * next(iter(self.axes.values())).step)
-        return np.array(out)
+    def _lines(self) -> list[At]:
+        """Where the changes of both currents are most alike, on all axes together: in the middle of every stretch of a
+        part, and along a line through these shifts (Theil and Sen).
+        """
+        seconds, shifts = np.transpose([self._most_alike(k) for k in range(self.parts)], (1, 0, 2))
+        whole = np.r_[np.median(shifts, axis=1), 0.0]
+        drift = float(np.median([stats.theilslopes(y, t)[0] for y, t in zip(shifts, seconds, strict=True)]))
+        return [whole, np.r_[np.median(shifts - drift * seconds, axis=1), drift]] if drift else [whole]
+
+    def _most_alike(self, part: int) -> Float2D:
+        """(2, stretches), s – when, and at which shift the changes of both currents are most alike."""
+        total: Float2D | None = None
+        for axis, m in self.axes.items():
+            alike = _alike(m, part) / float(np.median(self.noises[axis].level)) ** 2
+            total = alike if total is None else total + alike
+        assert total is not None
+        m = next(iter(self.axes.values()))
+        n = (total.shape[1] + 1) // 2
+        lags = np.arange(-n + 1, n)
+        near = np.abs(lags) <= _FARTHEST * n
+        time = m.states[part].time
+        middle = time[0] + (np.arange(_STRETCHES) + 0.5) / _STRETCHES * (time[-1] - time[0])
+        return np.array([middle, lags[near][np.argmax(total[:, near], axis=1)] * m.step])
 
 
-def _alike(m: Mismatch, part: int) -> Float1D:
-    """(2 n - 1,) – products of the changes of recorded and simulated current, summed, at every shift in rows."""
+def _alike(m: Mismatch, part: int) -> Float2D:
+    """(stretches, 2 n - 1) – products of the changes of recorded and simulated current, summed, at every shift in rows,
+    over each stretch of the recording."""
     rows = slice(int(m.edges[part]), int(m.edges[part + 1]))
     use = m.usable[rows]
     seen, sim = (np.diff(np.where(use, v[rows], 0.0)) for v in (m.target + np.nan_to_num(m.simulated), m.simulated))
     follows = use[1:] & use[:-1]
-    return signal.correlate(np.where(follows, seen, 0.0), np.where(follows, sim, 0.0), method="fft")
+    stretch = _STRETCHES * np.arange(len(seen)) // len(seen)
+    each = np.where(follows & (stretch == np.arange(_STRETCHES)[:, None]), seen, 0.0)
+    return signal.correlate(each, np.where(follows, sim, 0.0)[None], method="fft")
 
 
 def _compared(mismatch: Mismatch, moved: Float1D) -> Float1D:
