@@ -14,11 +14,22 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D, Int1D
-from pido.diagnosis.finding import NOT_TOLD_APART, Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
+from pido.diagnosis.events import ExternalForce, Rhythm
+from pido.diagnosis.finding import (
+    NOT_TOLD_APART,
+    Alternative,
+    Estimate,
+    Evidence,
+    Finding,
+    HeldOut,
+    Interval,
+    Kind,
+    Where,
+)
 from pido.diagnosis.gates import gate_variable
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, rhythm, score, strongest_stretch, voxels, workpiece_area
-from pido.diagnosis.mechanisms.advice import recording_that_tells
+from pido.diagnosis.mechanisms.advice import recording_that_names, recording_that_tells
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
 from pido.diagnosis.state import AxisState
@@ -50,19 +61,28 @@ def finding_of(
     term = answer.terms[which]
     known = units(term.mechanism, dict(term.shape), mismatch.axis)
     idle = term.mechanism.idle(dict(term.shape))
+    where = where_of(mismatch.states, term, effect, mismatch.edges, noise_level)
     return Finding(
         axis=mismatch.axis,
         mechanism=term.name,
         kind=kind_of(term),
         equation=equation_text(term, mismatch.axis),
         parameters={n: replace(e, unit=known.get(n, e.unit)) for n, e in parameters.items() if n not in idle},
-        where=where_of(mismatch.states, term, effect, mismatch.edges, noise_level),
+        where=where,
         evidence=Evidence(answer.p_values[which], answer.q_values[which], answer.delta_bic[which]),
         fit=held_out,
         replaces=replaces,
         alternatives=alternatives_of(term, answer.rivals[which]),
         factor=factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters),
+        to_record=to_record(term, where.intervals),
     )
+
+
+def to_record(term: Term, found: Sequence[Interval]) -> str:
+    """What would tell what a term is that is tied to times alone; '' for any other."""
+    if isinstance(term.mechanism, Rhythm):
+        return recording_that_names(dict(term.shape)["T"])
+    return recording_that_names(rhythm(found)) if isinstance(term.mechanism, ExternalForce) else ""
 
 
 def factor_of(
@@ -118,8 +138,9 @@ def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: In
     along = term.mechanism.id == "position_dependent_friction" and not any("pos_" in c for c in conditions)
     if along and (stretch := strongest_stretch(states, effect)) is not None:
         summary += f"; most of it from {stretch[0]:.4g} to {stretch[1]:.4g} mm"
-    if term.mechanism.id == "external_force" and (every := rhythm(found)) is not None:
-        summary += f"; it comes again every {every:.3g} s"
+    if isinstance(term.mechanism, ExternalForce):
+        every = rhythm(found)
+        summary += f"{'' if every is None else f'; it comes again every {every:.3g} s'}; it predicts no other part"
     acts = [act[r] for r in by_part]
     plane = [_plane(s) for s in states]
     return Where(

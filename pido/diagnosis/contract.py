@@ -59,6 +59,7 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
                 "faults": [asdict(fault) for fault in f.where.faults],
                 "factor": None if f.factor is None else {"value": f.factor.value, "ci95": list(f.factor.ci95)},
                 "to_tell_apart": {a.mechanism: a.to_tell_apart for a in f.alternatives if a.to_tell_apart},
+                "to_record": f.to_record,
             }
             for f in diagnosis.findings
         ],

@@ -113,6 +113,12 @@ class Finding:
     replaces: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     factor: Estimate | None = None  # that a miscalibrated coefficient of the simulation has to be multiplied by
+    to_record: str = ""  # what would tell what it is, where the finding itself cannot
+
+    @property
+    def of_its_parts_only(self) -> bool:
+        """Whether it is tied to times of the diagnosed parts, so that it says nothing of any other."""
+        return self.mechanism == "external_force"
 
     @property
     def modelled(self) -> bool:

@@ -22,7 +22,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.comparable import SHORT_S, without_wild
 from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.estimate import FORM
-from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, PartSeries
+from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, Interval, PartSeries
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
 from pido.reports.words import in_words, shortened
@@ -32,6 +32,8 @@ AROUND_WORST_S = 12.0
 MOST_MAP_POINTS = 3000
 MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
+MOST_TIMES = 24
+"""Stretches of time of an outside force that are told; all stand in diagnosis.json."""
 MOST_FAULTS = 40
 """Faulty stretches of a signal shown in a row each."""
 
@@ -129,6 +131,12 @@ def _overview(diagnosis: Diagnosis) -> Section:
 
 def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     lines = [f"{in_words(f.mechanism)}: {f.equation}", f"Where: {f.where.summary}"]
+    if f.of_its_parts_only:
+        lines.append(f"When, in s since each part began: {_times(f.where.intervals)}.")
+        lines.append(
+            "This finding predicts no other part: it is tied to these times and to nothing that was recorded. 'pido "
+            "correct' leaves it out on other parts, and says so."
+        )
     if f.factor is not None:
         low, high = (number(end, 3) for end in f.factor.ci95)
         lines.append(
@@ -181,6 +189,17 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
 
 
+def _times(intervals: Sequence[Interval]) -> str:
+    """Stretches part by part, the first of them where they are many."""
+    shown = intervals[:MOST_TIMES]
+    parts = dict.fromkeys(i.part for i in shown)
+    text = "; ".join(
+        f"{shortened(p)} " + ", ".join(f"{i.t_start:.1f} to {i.t_end:.1f}" for i in shown if i.part == p) for p in parts
+    )
+    left = len(intervals) - len(shown)
+    return f"{text}; {left} more in diagnosis.json" if left else text
+
+
 def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]]:
     """A row per parameter: name, value, interval; one for all of a name that are numbered where these are many, as the
     knots of a curve are."""
@@ -222,7 +241,8 @@ def _unit(diagnosis: Diagnosis) -> str:
 
 
 def _what_to_record(diagnosis: Diagnosis) -> list[str]:
-    return [
+    named = [f"Axis {f.axis}, what {f.mechanism} is: {f.to_record}" for f in diagnosis.findings if f.to_record]
+    return named + [
         f"Axis {f.axis}, {f.mechanism} or {a.mechanism}: {a.to_tell_apart}"
         for f in diagnosis.findings
         for a in f.alternatives

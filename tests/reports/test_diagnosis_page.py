@@ -269,3 +269,29 @@ def test_a_verdict_on_enough_motion_of_all_axes_has_no_reservation():
     verdict = diagnosis_page(found, [recording]).verdict
     assert "y moves for 4 s" in verdict  # of x something was found
     assert "x moves" not in verdict
+
+
+def test_a_force_tied_to_times_is_shown_with_them_and_said_to_predict_nothing(tmp_path):
+    diagnosis, recording = _diagnosis()
+    times = tuple(Interval("p01", 40.0 * k + 5, 40.0 * k + 13, 0.9) for k in range(40))
+    force = replace(
+        diagnosis.findings[0],
+        mechanism="external_force",
+        where=Where("x axis, over single intervals of time", intervals=times),
+        alternatives=(),
+        to_record="a signal of the lubrication pump",
+    )
+    found = replace(diagnosis, findings=(force,))
+    page = diagnosis_page(found, [recording])
+    (section,) = [s for s in page.sections if s.title == "Axis x: external_force"]
+    text = " ".join(section.text)
+    assert "p01 5.0 to 13.0, 45.0 to 53.0" in text
+    assert "more in diagnosis.json" in text
+    assert "1565.0" not in text  # the last of many
+    assert "predicts no other part" in text
+    (asked,) = [s.text for s in page.sections if s.title == "What to record next"]
+    assert asked == ["Axis x, what external_force is: a signal of the lubrication pump"]
+    contract.write(found, tmp_path)
+    (detail,) = json.loads((tmp_path / "details.json").read_text())["findings"]
+    assert detail["to_record"] == "a signal of the lubrication pump"
+    assert len(json.loads((tmp_path / "diagnosis.json").read_text())["findings"][0]["where"]["intervals"]) == 40
