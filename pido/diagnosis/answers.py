@@ -149,8 +149,14 @@ def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: In
         intervals=tuple(found),
         voxels=voxels(states, acts, plane),
         nc_lines=nc_lines(states, acts),
-        workpiece=workpiece_area(states, acts) if term.mechanism.id in ("material_hard_zone", "unknown") else None,
+        workpiece=workpiece_area(states, acts) if _tied_to_a_place(term) else None,
     )
+
+
+def _tied_to_a_place(term: Term) -> bool:
+    """Whether where on the workpiece a term acts is part of what it says, not of where the parts went."""
+    places = re.compile(r"(pos|from)_[xyz]")
+    return term.mechanism.id == "material_hard_zone" or any(map(places.fullmatch, term.mechanism.reads))
 
 
 def words(term: Term, states: Sequence[AxisState]) -> tuple[str, tuple[str, ...]]:

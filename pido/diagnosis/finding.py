@@ -22,6 +22,12 @@ class Estimate:
     unit: str
     ci95: tuple[float, float]
 
+    @property
+    def fixed(self) -> bool:
+        """Whether it was set with the form of a law and not estimated: the interval that the contract asks for has no
+        width."""
+        return self.ci95[0] == self.value == self.ci95[1]
+
 
 @dataclass(frozen=True, slots=True)
 class Interval:

@@ -11,27 +11,28 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from bokeh.models import BoxAnnotation, ColorBar, LinearColorMapper
-from bokeh.palettes import Cividis256
+from bokeh.models import BoxAnnotation
 from bokeh.plotting import figure
 
 from pido.accepted import INSTANT, name_of
 from pido.core.arrays import Float1D
-from pido.core.columns import CURRENT, POSITION, UNITS, VELOCITY
+from pido.core.columns import CURRENT, UNITS
 from pido.core.recording import Recording
 from pido.diagnosis.comparable import SHORT_S, without_wild
 from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.estimate import FORM
 from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, Interval, PartSeries
 from pido.diagnosis.pair import pair_of
-from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
+from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure
+from pido.reports.places import curves, maps
 from pido.reports.words import in_words, shortened
 
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
-MOST_MAP_POINTS = 3000
 MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
+FIXED = "set by the form, not estimated"
+"""In place of the interval of a number that has none."""
 MOST_TIMES = 24
 """Stretches of time of an outside force that are told; all stand in diagnosis.json."""
 MOST_FAULTS = 40
@@ -206,7 +207,7 @@ def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]
     alike = Counter(_numbered(name, e) for name, e in parameters.items())
     many = [name for name, e in parameters.items() if alike[_numbered(name, e)] > MOST_NUMBERED]
     rows = [
-        (name, f"{number(e.value, 4)} {e.unit}", f"{number(e.ci95[0], 4)} … {number(e.ci95[1], 4)} {e.unit}")
+        (name, f"{number(e.value, 4)} {e.unit}", FIXED if e.fixed else _interval(e))
         for name, e in parameters.items()
         if name not in many
     ]
@@ -217,6 +218,10 @@ def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]
             0, (f"{many[0]} … {many[-1]}", f"{len(many)} values, {low} to {high} {unit}", "each in diagnosis.json")
         )
     return rows
+
+
+def _interval(estimate: Estimate) -> str:
+    return " … ".join(number(end, 4) for end in estimate.ci95) + f" {estimate.unit}"
 
 
 def _numbered(name: str, estimate: Estimate) -> tuple[str, str]:
@@ -271,7 +276,8 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     return [
         _worst_place(part, axis, label, recorded, series),
         _over_time(part, axis, label, recorded, series),
-        *_map(axis, shown, by_part, _unit(diagnosis).strip()),
+        *curves(finding, diagnosis.model, shown, by_part, _unit(diagnosis)),
+        *maps([f for f in diagnosis.findings if f.axis == axis], shown, by_part, _unit(diagnosis).strip()),
     ]
 
 
@@ -356,40 +362,6 @@ def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, serie
         plot.add_layout(BoxAnnotation(left=start, right=end, fill_color=COLOURS["band"], fill_alpha=0.25))
     plot.legend.click_policy = "hide"
     return plot
-
-
-def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording], unit: str) -> list[figure]:
-    """Where: over the workpiece and over the speeds, coloured by the size of the mismatch."""
-    planes = [
-        ("Where on the machine table", POSITION["x"], POSITION["y"], "mm"),
-        ("At which speeds", VELOCITY["x"], VELOCITY["y"], "mm/s"),
-    ]
-    figures = []
-    for title, first, second, along in planes:
-        usable = [p for p in shown if first in by_part[p] and second in by_part[p]]
-        if not usable:
-            continue
-        each = MOST_MAP_POINTS // len(usable)
-        x, y, size = (
-            np.concatenate([np.asarray(get(p), float)[thin(len(shown[p].time), each)] for p in usable])
-            for get in (
-                lambda p, c=first: by_part[p][c],
-                lambda p, c=second: by_part[p][c],
-                lambda p: np.abs(shown[p].mismatch[axis]),
-            )
-        )
-        high = float(np.nanquantile(size, 0.99)) or 1.0
-        mapper = LinearColorMapper(palette=list(Cividis256), low=0.0, high=high)
-        plot = signal_figure(
-            f"{title}:\nsize of the mismatch on axis {axis}", f"{first}, {along}", f"{second}, {along}", 380
-        )
-        plot.scatter(
-            "x", "y", source={"x": x, "y": y, "size": size}, color={"field": "size", "transform": mapper}, size=4
-        )
-        plot.match_aspect = True  # a circle of the part is a circle on the page
-        plot.add_layout(ColorBar(color_mapper=mapper, title=unit), "right")
-        figures.append(plot)
-    return figures
 
 
 def _runs(mask: np.ndarray, time: np.ndarray) -> list[tuple[float, float]]:
