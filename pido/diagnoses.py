@@ -83,7 +83,8 @@ def _what(finding: Finding) -> str:
     what it has to be multiplied by."""
     where = finding.where.summary
     if finding.factor is not None:
-        return f"{where}: multiply the simulation's coefficient by {finding.factor.value:.3g}"
+        mean = ", the mean of all" if finding.by_part is not None and finding.by_part.differs else ""
+        return f"{where}: multiply the simulation's coefficient by {finding.factor.value:.3g}{mean}"
     return f"{where}: {finding.equation}" if finding.kind == "unexplained" else where
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D, Int1D
+from pido.diagnosis.by_part import by_part
 from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.finding import (
     NOT_TOLD_APART,
@@ -35,6 +36,7 @@ from pido.diagnosis.signals import meanings
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
+from pido.diagnosis.whiten import Noise
 
 _MOST_ALTERNATIVES = 4
 _ALIKE = 0.9  # of the power of what is missing of a law, that the simulation's own form of it has
@@ -56,12 +58,25 @@ def finding_of(
     noise_level: float,
     held_out: HeldOut,
     replaces: tuple[str, ...],
+    noise: Noise,
 ) -> Finding:
-    """One term of one axis as a finding. effect : (n,), A on every row of `mismatch`."""
+    """One term of one axis as a finding.
+
+    effect : (n,), A on every row of `mismatch`; noise : that the term was fitted under
+    """
     term = answer.terms[which]
     known = units(term.mechanism, dict(term.shape), mismatch.axis)
     idle = term.mechanism.idle(dict(term.shape))
     where = where_of(mismatch.states, term, effect, mismatch.edges, noise_level)
+    factor, parts = factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters), None
+    if factor is not None:
+        amplitude = parameters[term.mechanism.amplitudes[0].name].value
+        parts = by_part(mismatch, noise, answer.terms, which, amplitude, factor.value)
+    if parts is not None and parts.differs:
+        least, most = (end(e.value for e in parts.factors.values()) for end in (min, max))
+        where = replace(
+            where, summary=f"{where.summary}; its factor differs from part to part, from {least:.3g} to {most:.3g}"
+        )
     return Finding(
         axis=mismatch.axis,
         mechanism=term.name,
@@ -73,7 +88,8 @@ def finding_of(
         fit=held_out,
         replaces=replaces,
         alternatives=alternatives_of(term, answer.rivals[which]),
-        factor=factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters),
+        factor=factor,
+        by_part=parts,
         to_record=to_record(term, where.intervals),
     )
 

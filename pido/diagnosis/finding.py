@@ -30,6 +30,21 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class ByPart:
+    """The factor of a wrong coefficient part by part.
+
+    p_value : how often parts that have one and the same would differ as much
+    spread : standard deviation of the factors, beyond that of measuring them
+    differs : whether they do, by enough to matter
+    """
+
+    factors: Mapping[str, Estimate]
+    p_value: float
+    spread: float
+    differs: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Interval:
     """A stretch of one part in which a mechanism acts, s; score in 0..1."""
 
@@ -119,6 +134,7 @@ class Finding:
     replaces: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     factor: Estimate | None = None  # that a miscalibrated coefficient of the simulation has to be multiplied by
+    by_part: ByPart | None = None  # that factor, part by part
     to_record: str = ""  # what would tell what it is, where the finding itself cannot
 
     @property

@@ -21,7 +21,16 @@ from pido.core.recording import Recording
 from pido.diagnosis.comparable import SHORT_S, without_wild
 from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.estimate import FORM
-from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, Interval, PartSeries
+from pido.diagnosis.finding import (
+    NOT_TOLD_APART,
+    ByPart,
+    Diagnosis,
+    Estimate,
+    Finding,
+    HeldOut,
+    Interval,
+    PartSeries,
+)
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure
 from pido.reports.places import curves, maps
@@ -33,6 +42,8 @@ MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
 FIXED = "set by the form, not estimated"
 """In place of the interval of a number that has none."""
+MOST_PARTS = 20
+"""Parts whose own factor of a coefficient is told; all stand in details.json."""
 MOST_TIMES = 24
 """Stretches of time of an outside force that are told; all stand in diagnosis.json."""
 MOST_FAULTS = 40
@@ -144,6 +155,8 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
             f"The simulation has it with a wrong coefficient: multiply that by {number(f.factor.value, 3)} (95 % "
             f"interval {low} … {high}). The parameter below is what has to be added."
         )
+    if f.by_part is not None and f.by_part.differs:
+        lines.append(_part_by_part(f.by_part))
     if f.where.workpiece:
         lines.append(f"On the workpiece: {f.where.workpiece}")
     if f.where.nc_lines:
@@ -188,6 +201,20 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
         places = [(s.part, s.column, f"{s.t_start:.2f}", f"{s.t_end:.2f}", s.reason) for s in f.where.faults]
         table = Table(("part", "column", "from, s", "to, s", "what is wrong"), places[:MOST_FAULTS])
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
+
+
+def _part_by_part(found: ByPart) -> str:
+    each = [
+        f"{shortened(part)} {number(e.value, 3)} ({' … '.join(number(end, 3) for end in e.ci95)})"
+        for part, e in list(found.factors.items())[:MOST_PARTS]
+    ]
+    left = len(found.factors) - len(each)
+    return (
+        f"This factor differs from part to part (p {_chance(found.p_value)} that it is the same in all): "
+        f"{', '.join(each)}{f'; {left} more in details.json' if left else ''}. The one above is their mean and right "
+        "for none of them: look for what differs between the parts, such as the mass that is clamped on the axis, "
+        "before a coefficient is changed."
+    )
 
 
 def _times(intervals: Sequence[Interval]) -> str:
