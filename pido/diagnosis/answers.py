@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,9 +31,11 @@ from pido.diagnosis.gates import gate_variable
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, rhythm, score, strongest_stretch, voxels, workpiece_area
 from pido.diagnosis.mechanisms.advice import recording_that_names, recording_that_tells
+from pido.diagnosis.mechanisms.base import Told
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
 from pido.diagnosis.state import AxisState
+from pido.diagnosis.switches import gate_words
 from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
 from pido.diagnosis.whiten import Noise
@@ -67,7 +69,8 @@ def finding_of(
     term = answer.terms[which]
     known = units(term.mechanism, dict(term.shape), mismatch.axis)
     idle = term.mechanism.idle(dict(term.shape))
-    where = where_of(mismatch.states, term, effect, mismatch.edges, noise_level)
+    told = words(term, mismatch.states, {n: e.value for n, e in parameters.items()})
+    where = where_of(mismatch.states, term, effect, mismatch.edges, noise_level, told)
     factor, parts = factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters), None
     if factor is not None:
         amplitude = parameters[term.mechanism.amplitudes[0].name].value
@@ -90,7 +93,8 @@ def finding_of(
         alternatives=alternatives_of(term, answer.rivals[which]),
         factor=factor,
         by_part=parts,
-        to_record=to_record(term, where.intervals),
+        said=told.name,
+        to_record=told.to_record or to_record(term, where.intervals),
     )
 
 
@@ -142,15 +146,25 @@ def equation_text(term: Term, axis: str) -> str:
     return text
 
 
-def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: Int1D, noise_level: float) -> Where:
-    """Intervals per part, bins of M, NC blocks and the place on the workpiece where a term acts."""
+def where_of(
+    states: Sequence[AxisState],
+    term: Term,
+    effect: Float1D,
+    edges: Int1D,
+    noise_level: float,
+    told: Told | None = None,
+) -> Where:
+    """Intervals per part, bins of M, NC blocks and the place on the workpiece where a term acts.
+
+    told : `words` of the term, with its sizes where they are known
+    """
     act = active(effect, noise_level)
     scores = score(effect, noise_level)
     by_part = [slice(int(i), int(j)) for i, j in itertools.pairwise(edges)]
     found = []
     for state, rows in zip(states, by_part, strict=True):
         found += intervals(state.part, state.time, act[rows], scores[rows])
-    summary, conditions = words(term, states)
+    summary, conditions = (words(term, states) if told is None else told)[:2]
     along = term.mechanism.id == "position_dependent_friction" and not any("pos_" in c for c in conditions)
     if along and (stretch := strongest_stretch(states, effect)) is not None:
         summary += f"; most of it from {stretch[0]:.4g} to {stretch[1]:.4g} mm"
@@ -175,12 +189,13 @@ def _tied_to_a_place(term: Term) -> bool:
     return term.mechanism.id == "material_hard_zone" or any(map(places.fullmatch, term.mechanism.reads))
 
 
-def words(term: Term, states: Sequence[AxisState]) -> tuple[str, tuple[str, ...]]:
-    """The operator's words of the mechanism, confined to the term's region."""
-    summary, conditions = term.mechanism.conditions(states[0].axis, dict(term.shape))
-    if term.gates:
-        summary = f"{summary}, only where {' and '.join(g.words for g in term.gates)}"
-    return in_words(summary), (*conditions, *(g.condition for g in term.gates))
+def words(term: Term, states: Sequence[AxisState], sizes: Mapping[str, float] | None = None) -> Told:
+    """The operator's words of the mechanism, confined to the term's region. sizes : its amplitudes by name"""
+    told = term.mechanism.told(states, dict(term.shape), sizes or {})
+    regions = " and ".join(gate_words(g, states) for g in term.gates).replace(" and only where ", " and ")
+    summary = f"{told.summary}, {regions}" if regions else told.summary
+    conditions = (*told.conditions, *(g.condition for g in term.gates))
+    return told._replace(summary=in_words(summary), conditions=conditions)
 
 
 def in_words(summary: str) -> str:

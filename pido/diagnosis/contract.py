@@ -56,6 +56,7 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
                 "voxels": [list(v) for v in f.where.voxels],
                 "nc_lines": list(f.where.nc_lines),
                 "workpiece": f.where.workpiece,
+                "said": f.said,
                 "faults": [asdict(fault) for fault in f.where.faults],
                 "factor": None if f.factor is None else {"value": f.factor.value, "ci95": list(f.factor.ci95)},
                 "factor_by_part": None if f.by_part is None else _by_part(f.by_part),

@@ -135,6 +135,7 @@ class Finding:
     alternatives: tuple[Alternative, ...] = ()
     factor: Estimate | None = None  # that a miscalibrated coefficient of the simulation has to be multiplied by
     by_part: ByPart | None = None  # that factor, part by part
+    said: str = ""  # what it is in plain words, where that is more than its identifier says
     to_record: str = ""  # what would tell what it is, where the finding itself cannot
 
     @property

@@ -8,7 +8,7 @@ Out: a Page: the verdict in one sentence; recorded, simulated and corrected sign
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from bokeh.models import BoxAnnotation
@@ -34,7 +34,7 @@ from pido.diagnosis.finding import (
 from pido.diagnosis.pair import pair_of
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure
 from pido.reports.places import curves, maps
-from pido.reports.words import in_words, shortened
+from pido.reports.words import beside_its_words, in_words, shortened
 
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
@@ -42,6 +42,8 @@ MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
 FIXED = "set by the form, not estimated"
 """In place of the interval of a number that has none."""
+NEARLY_ALL = 0.7
+"""Of the NC blocks of the parts: a finding that is in more of them is told to be everywhere."""
 MOST_PARTS = 20
 """Parts whose own factor of a coefficient is told; all stand in details.json."""
 MOST_TIMES = 24
@@ -58,13 +60,14 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
     machines = sorted({r.part.machine for r in recordings})
     sections = [_overview(diagnosis)] if diagnosis.findings else []
     drawn: set[str] = set()
+    blocks = _count_of_blocks(by_part.values())
     for finding in diagnosis.findings:
         if not finding.modelled:
             figures = _faulty(finding, by_part)
         else:
             figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
             drawn.add(finding.axis)
-        sections.append(_finding(finding, diagnosis.beside_others(finding), figures))
+        sections.append(_finding(finding, diagnosis.beside_others(finding), figures, blocks))
     if not diagnosis.findings:
         sections.append(Section("Recorded and simulated where they differ most", figures=_clean(diagnosis, by_part)))
     next_recordings = _what_to_record(diagnosis)
@@ -92,7 +95,9 @@ def verdict(diagnosis: Diagnosis) -> str:
             f"{_limits(diagnosis)}"
         )
     first = diagnosis.findings[0]
-    text = f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}."
+    called = _called(first)
+    where = beside_its_words(first.where.summary, called)
+    text = f"Axis {first.axis}: {called} ({first.mechanism}){', ' if where else ''}{where}."
     if first.modelled:
         on = " on data that was not used for the fit" if first.fit.unseen else ""
         text += f" With it the error{on} falls from {_rmse(first.fit, ' to ')}{_unit(diagnosis)}."
@@ -102,6 +107,13 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.clean_axes:
         text += f" Nothing significant on: {', '.join(diagnosis.clean_axes)}."
     return text + _limits(diagnosis)
+
+
+def _called(finding: Finding) -> str:
+    """What an operator calls it: as it was found, where that says more than its identifier."""
+    if finding.said and finding.kind == "unexplained":
+        return f"{finding.said}, which no known mechanism explains"
+    return finding.said or in_words(finding.mechanism)
 
 
 def _limits(diagnosis: Diagnosis) -> str:
@@ -127,7 +139,7 @@ def _overview(diagnosis: Diagnosis) -> Section:
     rows = [
         (
             f.axis,
-            in_words(f.mechanism),
+            _called(f),
             f.kind.replace("_", " "),
             f.where.summary,
             _rmse(f.fit) if f.modelled else "–",
@@ -141,8 +153,9 @@ def _overview(diagnosis: Diagnosis) -> Section:
     return Section("Findings, the strongest first", table=Table(head, rows))
 
 
-def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
-    lines = [f"{in_words(f.mechanism)}: {f.equation}", f"Where: {f.where.summary}"]
+def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int) -> Section:
+    """blocks : how many NC blocks the parts have"""
+    lines = [f"{_called(f)}: {f.equation}", f"Where: {f.where.summary}"]
     if f.of_its_parts_only:
         lines.append(f"When, in s since each part began: {_times(f.where.intervals)}.")
         lines.append(
@@ -159,9 +172,8 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
         lines.append(_part_by_part(f.by_part))
     if f.where.workpiece:
         lines.append(f"On the workpiece: {f.where.workpiece}")
-    if f.where.nc_lines:
-        shown = ", ".join(map(str, f.where.nc_lines[:20]))
-        lines.append(f"NC blocks: {shown}{' …' if len(f.where.nc_lines) > 20 else ''}")
+    if f.where.nc_lines and not f.of_its_parts_only:
+        lines.append(f"NC blocks: {_blocks(f.where.nc_lines, blocks)}")
     if f.modelled:
         lines.append(
             f"Evidence: p {_chance(f.evidence.p_value)}, corrected for all questions asked q "
@@ -203,6 +215,18 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
 
 
+def _blocks(lines: Sequence[int], of: int) -> str:
+    """The blocks, the first of them where they are many; or that they are nearly all."""
+    if len(lines) > NEARLY_ALL * of:
+        return f"nearly everywhere, in {len(lines)} of {of}; all stand in details.json"
+    return ", ".join(map(str, lines[:20])) + (" …" if len(lines) > 20 else "")
+
+
+def _count_of_blocks(recordings: Iterable[Recording]) -> int:
+    lines = [np.asarray(r["nc_line"], float) for r in recordings if "nc_line" in r]
+    return len(np.unique(np.concatenate([v[np.isfinite(v)] for v in lines]))) if lines else 0
+
+
 def _part_by_part(found: ByPart) -> str:
     each = [
         f"{shortened(part)} {number(e.value, 3)} ({' … '.join(number(end, 3) for end in e.ci95)})"
@@ -233,11 +257,7 @@ def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]
     knots of a curve are."""
     alike = Counter(_numbered(name, e) for name, e in parameters.items())
     many = [name for name, e in parameters.items() if alike[_numbered(name, e)] > MOST_NUMBERED]
-    rows = [
-        (name, f"{number(e.value, 4)} {e.unit}", FIXED if e.fixed else _interval(e))
-        for name, e in parameters.items()
-        if name not in many
-    ]
+    rows = [_row(name, e) for name, e in parameters.items() if name not in many]
     if many:
         values, unit = [parameters[name].value for name in many], parameters[many[0]].unit
         low, high = (number(end, 4) for end in (min(values), max(values)))
@@ -247,8 +267,17 @@ def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]
     return rows
 
 
-def _interval(estimate: Estimate) -> str:
-    return " … ".join(number(end, 4) for end in estimate.ci95) + f" {estimate.unit}"
+def _row(name: str, estimate: Estimate) -> tuple[str, str, str]:
+    """A scale, which formulas have as what it lacks of one, is told as itself.
+
+    >>> _row("g - 1", Estimate(0.06987, "–", (0.06748, 0.07226)))
+    ('g', '× 1.070', '1.067 … 1.072')
+    """
+    if name.endswith(" - 1") and estimate.unit == "–":
+        value, low, high = (f"{1 + v:.4g}".ljust(5, "0") for v in (estimate.value, *estimate.ci95))
+        return name.removesuffix(" - 1"), f"× {value}", f"{low} … {high}"
+    interval = " … ".join(number(end, 4) for end in estimate.ci95) + f" {estimate.unit}"
+    return name, f"{number(estimate.value, 4)} {estimate.unit}", FIXED if estimate.fixed else interval
 
 
 def _numbered(name: str, estimate: Estimate) -> tuple[str, str]:
@@ -273,7 +302,7 @@ def _unit(diagnosis: Diagnosis) -> str:
 
 
 def _what_to_record(diagnosis: Diagnosis) -> list[str]:
-    named = [f"Axis {f.axis}, what {f.mechanism} is: {f.to_record}" for f in diagnosis.findings if f.to_record]
+    named = [f"Axis {f.axis}, to know more of {f.mechanism}: {f.to_record}" for f in diagnosis.findings if f.to_record]
     return named + [
         f"Axis {f.axis}, {f.mechanism} or {a.mechanism}: {a.to_tell_apart}"
         for f in diagnosis.findings
