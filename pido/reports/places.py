@@ -92,7 +92,7 @@ def curves(
     pos = np.linspace(min(map(np.nanmin, seen)), max(map(np.nanmax, seen)), CURVE_POINTS)
     columns = law.along(pos, **dict(term.shape))
     plot = signal_figure(
-        f"Axis {axis}: friction along the travel\nbeside that of the simulation", f"{name}, mm", f"friction,{unit}"
+        f"Axis {axis}: friction along the travel,\nmore than simulated", f"{name}, mm", f"friction,{unit}"
     )
     half = np.zeros(len(amplitudes))
     for i, amplitude in enumerate(law.amplitudes):
