@@ -44,6 +44,13 @@ FIXED = "set by the form, not estimated"
 """In place of the interval of a number that has none."""
 NEARLY_ALL = 0.7
 """Of the NC blocks of the parts: a finding that is in more of them is told to be everywhere."""
+ANYTHING = "tool, material, clamping, lubrication, warmth"
+WHAT_DIFFERS = {
+    "inertia": "first the mass that is clamped on the axis",
+    "gravity_load": "first the mass that the axis carries",
+    "spindle_inertia": "first what is clamped in the spindle",
+}
+"""Between parts that have another factor of a coefficient each."""
 MOST_PARTS = 20
 """Parts whose own factor of a coefficient is told; all stand in details.json."""
 MOST_TIMES = 24
@@ -53,7 +60,7 @@ MOST_FAULTS = 40
 
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
-    """The page; plots are drawn for the strongest finding of each axis."""
+    """The page; signals and maps are drawn for the strongest finding of each axis, a curve for every one."""
     pair = pair_of(diagnosis.model)
     compared = recordings if pair is None else [pair.of(r) for r in recordings]
     by_part = {r.part.part: r for r in without_wild(compared, [])}
@@ -65,7 +72,7 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
         if not finding.modelled:
             figures = _faulty(finding, by_part)
         else:
-            figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
+            figures = _figures(finding, diagnosis, by_part, first=finding.axis not in drawn)
             drawn.add(finding.axis)
         sections.append(_finding(finding, diagnosis.beside_others(finding), figures, blocks))
     if not diagnosis.findings:
@@ -169,7 +176,7 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int
             f"interval {low} … {high}). The parameter below is what has to be added."
         )
     if f.by_part is not None and f.by_part.differs:
-        lines.append(_part_by_part(f.by_part))
+        lines.append(_part_by_part(f.by_part, f.mechanism.removeprefix("miscalibrated:")))
     if f.where.workpiece:
         lines.append(f"On the workpiece: {f.where.workpiece}")
     if f.where.nc_lines and not f.of_its_parts_only:
@@ -217,7 +224,7 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int
 
 def _blocks(lines: Sequence[int], of: int) -> str:
     """The blocks, the first of them where they are many; or that they are nearly all."""
-    if len(lines) > NEARLY_ALL * of:
+    if NEARLY_ALL * of < len(lines) <= of:
         return f"nearly everywhere, in {len(lines)} of {of}; all stand in details.json"
     return ", ".join(map(str, lines[:20])) + (" …" if len(lines) > 20 else "")
 
@@ -227,7 +234,7 @@ def _count_of_blocks(recordings: Iterable[Recording]) -> int:
     return len(np.unique(np.concatenate([v[np.isfinite(v)] for v in lines]))) if lines else 0
 
 
-def _part_by_part(found: ByPart) -> str:
+def _part_by_part(found: ByPart, mechanism: str) -> str:
     each = [
         f"{shortened(part)} {number(e.value, 3)} ({' … '.join(number(end, 3) for end in e.ci95)})"
         for part, e in list(found.factors.items())[:MOST_PARTS]
@@ -236,8 +243,8 @@ def _part_by_part(found: ByPart) -> str:
     return (
         f"This factor differs from part to part (p {_chance(found.p_value)} that it is the same in all): "
         f"{', '.join(each)}{f'; {left} more in details.json' if left else ''}. The one above is their mean and right "
-        "for none of them: look for what differs between the parts, such as the mass that is clamped on the axis, "
-        "before a coefficient is changed."
+        f"for none of them: look for what differs between the parts ({WHAT_DIFFERS.get(mechanism, ANYTHING)}) before a "
+        "coefficient is changed."
     )
 
 
@@ -320,11 +327,14 @@ def _to_accept(diagnosis: Diagnosis) -> list[str]:
     return [call.format(name=name) for name in names]
 
 
-def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording]) -> list[figure]:
+def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording], *, first: bool) -> list[figure]:
     axis = finding.axis
     shown = {p: s for p, s in diagnosis.parts.items() if axis in s.corrected and p in by_part}
     if not shown:
         return []
+    own = curves(finding, diagnosis.model, shown, by_part, _unit(diagnosis))
+    if not first:
+        return own
     part = max(shown, key=lambda p: float(np.nanmax(np.abs(shown[p].mismatch[axis]), initial=0.0)))
     recording, series = by_part[part], shown[part]
     recorded = recording.columns.get(CURRENT[axis])
@@ -332,7 +342,7 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     return [
         _worst_place(part, axis, label, recorded, series),
         _over_time(part, axis, label, recorded, series),
-        *curves(finding, diagnosis.model, shown, by_part, _unit(diagnosis)),
+        *own,
         *maps([f for f in diagnosis.findings if f.axis == axis], shown, by_part, _unit(diagnosis).strip()),
     ]
 
