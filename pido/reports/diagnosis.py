@@ -309,7 +309,7 @@ def _unit(diagnosis: Diagnosis) -> str:
 
 
 def _what_to_record(diagnosis: Diagnosis) -> list[str]:
-    named = [f"Axis {f.axis}, to know more of {f.mechanism}: {f.to_record}" for f in diagnosis.findings if f.to_record]
+    named = [f"Axis {f.axis}, {f.mechanism}, to know more: {f.to_record}" for f in diagnosis.findings if f.to_record]
     return named + [
         f"Axis {f.axis}, {f.mechanism} or {a.mechanism}: {a.to_tell_apart}"
         for f in diagnosis.findings

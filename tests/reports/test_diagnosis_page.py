@@ -290,7 +290,7 @@ def test_a_force_tied_to_times_is_shown_with_them_and_said_to_predict_nothing(tm
     assert "1565.0" not in text  # the last of many
     assert "predicts no other part" in text
     (asked,) = [s.text for s in page.sections if s.title == "What to record next"]
-    assert asked == ["Axis x, to know more of external_force: a signal of the lubrication pump"]
+    assert asked == ["Axis x, external_force, to know more: a signal of the lubrication pump"]
     contract.write(found, tmp_path)
     (detail,) = json.loads((tmp_path / "details.json").read_text())["findings"]
     assert detail["to_record"] == "a signal of the lubrication pump"
