@@ -18,6 +18,7 @@ from pido.core.recording import Recording
 from pido.diagnosis import contract
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.finding import Diagnosis, Finding
+from pido.diagnosis.pair import pair_of
 from pido.recordings.check import check
 from pido.recordings.faults import ERROR
 from pido.reports.diagnosis import diagnosis_page
@@ -71,11 +72,18 @@ def check_all(recordings: Sequence[Recording], machine: Machine | None = None) -
 
 
 def summary(found: Diagnosis) -> list[str]:
-    """One line per finding, then the axes on which nothing was found."""
+    """One line per finding, then the axes on which nothing was found, and those of which nothing is said."""
     lines = [f"{f.axis}   {f.mechanism}   {_what(f)}{_gain(f, found.beside_others(f))}" for f in found.findings]
     if found.clean_axes:
         lines.append(f"{', '.join(found.clean_axes)}   nothing significant")
+    if pair_of(found.model) is None:
+        lines += [f"{axis}   not judged: {_why_not(axis, found.notes)}" for axis in found.not_judged]
     return lines
+
+
+def _why_not(axis: str, notes: Sequence[str]) -> str:
+    left_out = f"axis {axis} is left out: "
+    return next((n.removeprefix(left_out) for n in notes if n.startswith(left_out)), "no current was recorded.")
 
 
 def _what(finding: Finding) -> str:
@@ -83,7 +91,8 @@ def _what(finding: Finding) -> str:
     what it has to be multiplied by."""
     where = finding.where.summary
     if finding.factor is not None:
-        return f"{where}: multiply the simulation's coefficient by {finding.factor.value:.3g}"
+        mean = ", the mean of all" if finding.by_part is not None and finding.by_part.differs else ""
+        return f"{where}: multiply the simulation's coefficient by {finding.factor.value:.3g}{mean}"
     return f"{where}: {finding.equation}" if finding.kind == "unexplained" else where
 
 

@@ -35,7 +35,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
     from pido.diagnosis.comparable import finite
-    from pido.diagnosis.correct import correct, not_told_of, wear_not_kept, without_currents
+    from pido.diagnosis.correct import correct, not_applied, not_told_of, wear_not_kept, without_currents
     from pido.recordings import read_recording
 
     folder = _folder_of(diagnosis)
@@ -61,6 +61,13 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
         click.echo(
             f"part {recording.part.part}: this diagnosis is of a version that did not keep what its own parts wore "
             "off; that is left out. Give them with --after, oldest first, or run 'pido diagnose' again.",
+            err=True,
+        )
+    for name in not_applied(model, recording):
+        click.echo(
+            f"part {recording.part.part}: {name} is not applied: it is known over times of the diagnosed parts only, "
+            "tied to nothing that was recorded, and predicts no other part. report.html says what to record to find "
+            "what it is.",
             err=True,
         )
     series = correct(model, recording, earlier)

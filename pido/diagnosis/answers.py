@@ -8,22 +8,37 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pido.core.arrays import Float1D, Int1D
-from pido.diagnosis.finding import NOT_TOLD_APART, Alternative, Estimate, Evidence, Finding, HeldOut, Kind, Where
+from pido.diagnosis.by_part import by_part
+from pido.diagnosis.events import ExternalForce, Rhythm
+from pido.diagnosis.finding import (
+    NOT_TOLD_APART,
+    Alternative,
+    Estimate,
+    Evidence,
+    Finding,
+    HeldOut,
+    Interval,
+    Kind,
+    Where,
+)
 from pido.diagnosis.gates import gate_variable
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, rhythm, score, strongest_stretch, voxels, workpiece_area
-from pido.diagnosis.mechanisms.advice import recording_that_tells
+from pido.diagnosis.mechanisms.advice import recording_that_names, recording_that_tells
+from pido.diagnosis.mechanisms.base import Told
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
 from pido.diagnosis.state import AxisState
+from pido.diagnosis.switches import gate_words
 from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
+from pido.diagnosis.whiten import Noise
 
 _MOST_ALTERNATIVES = 4
 _ALIKE = 0.9  # of the power of what is missing of a law, that the simulation's own form of it has
@@ -45,24 +60,49 @@ def finding_of(
     noise_level: float,
     held_out: HeldOut,
     replaces: tuple[str, ...],
+    noise: Noise,
 ) -> Finding:
-    """One term of one axis as a finding. effect : (n,), A on every row of `mismatch`."""
+    """One term of one axis as a finding.
+
+    effect : (n,), A on every row of `mismatch`; noise : that the term was fitted under
+    """
     term = answer.terms[which]
     known = units(term.mechanism, dict(term.shape), mismatch.axis)
     idle = term.mechanism.idle(dict(term.shape))
+    told = words(term, mismatch.states, {n: e.value for n, e in parameters.items()})
+    where = where_of(mismatch.states, term, effect, mismatch.edges, noise_level, told)
+    factor, parts = factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters), None
+    if factor is not None:
+        amplitude = parameters[term.mechanism.amplitudes[0].name].value
+        parts = by_part(mismatch, noise, answer.terms, which, amplitude, factor.value)
+    if parts is not None and parts.differs:
+        least, most = (end(e.value for e in parts.factors.values()) for end in (min, max))
+        where = replace(
+            where, summary=f"{where.summary}; its factor differs from part to part, from {least:.3g} to {most:.3g}"
+        )
     return Finding(
         axis=mismatch.axis,
         mechanism=term.name,
         kind=kind_of(term),
         equation=equation_text(term, mismatch.axis),
         parameters={n: replace(e, unit=known.get(n, e.unit)) for n, e in parameters.items() if n not in idle},
-        where=where_of(mismatch.states, term, effect, mismatch.edges, noise_level),
+        where=where,
         evidence=Evidence(answer.p_values[which], answer.q_values[which], answer.delta_bic[which]),
         fit=held_out,
         replaces=replaces,
         alternatives=alternatives_of(term, answer.rivals[which]),
-        factor=factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters),
+        factor=factor,
+        by_part=parts,
+        said=told.name,
+        to_record=told.to_record or to_record(term, where.intervals),
     )
+
+
+def to_record(term: Term, found: Sequence[Interval]) -> str:
+    """What would tell what a term is that is tied to times alone; '' for any other."""
+    if isinstance(term.mechanism, Rhythm):
+        return recording_that_names(dict(term.shape)["T"])
+    return recording_that_names(rhythm(found)) if isinstance(term.mechanism, ExternalForce) else ""
 
 
 def factor_of(
@@ -106,20 +146,31 @@ def equation_text(term: Term, axis: str) -> str:
     return text
 
 
-def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: Int1D, noise_level: float) -> Where:
-    """Intervals per part, bins of M, NC blocks and the place on the workpiece where a term acts."""
+def where_of(
+    states: Sequence[AxisState],
+    term: Term,
+    effect: Float1D,
+    edges: Int1D,
+    noise_level: float,
+    told: Told | None = None,
+) -> Where:
+    """Intervals per part, bins of M, NC blocks and the place on the workpiece where a term acts.
+
+    told : `words` of the term, with its sizes where they are known
+    """
     act = active(effect, noise_level)
     scores = score(effect, noise_level)
     by_part = [slice(int(i), int(j)) for i, j in itertools.pairwise(edges)]
     found = []
     for state, rows in zip(states, by_part, strict=True):
         found += intervals(state.part, state.time, act[rows], scores[rows])
-    summary, conditions = words(term, states)
+    summary, conditions = (words(term, states) if told is None else told)[:2]
     along = term.mechanism.id == "position_dependent_friction" and not any("pos_" in c for c in conditions)
     if along and (stretch := strongest_stretch(states, effect)) is not None:
         summary += f"; most of it from {stretch[0]:.4g} to {stretch[1]:.4g} mm"
-    if term.mechanism.id == "external_force" and (every := rhythm(found)) is not None:
-        summary += f"; it comes again every {every:.3g} s"
+    if isinstance(term.mechanism, ExternalForce):
+        every = rhythm(found)
+        summary += f"{'' if every is None else f'; it comes again every {every:.3g} s'}; it predicts no other part"
     acts = [act[r] for r in by_part]
     plane = [_plane(s) for s in states]
     return Where(
@@ -128,16 +179,23 @@ def where_of(states: Sequence[AxisState], term: Term, effect: Float1D, edges: In
         intervals=tuple(found),
         voxels=voxels(states, acts, plane),
         nc_lines=nc_lines(states, acts),
-        workpiece=workpiece_area(states, acts) if term.mechanism.id in ("material_hard_zone", "unknown") else None,
+        workpiece=workpiece_area(states, acts) if _tied_to_a_place(term) else None,
     )
 
 
-def words(term: Term, states: Sequence[AxisState]) -> tuple[str, tuple[str, ...]]:
-    """The operator's words of the mechanism, confined to the term's region."""
-    summary, conditions = term.mechanism.conditions(states[0].axis, dict(term.shape))
-    if term.gates:
-        summary = f"{summary}, only where {' and '.join(g.words for g in term.gates)}"
-    return in_words(summary), (*conditions, *(g.condition for g in term.gates))
+def _tied_to_a_place(term: Term) -> bool:
+    """Whether where on the workpiece a term acts is part of what it says, not of where the parts went."""
+    places = re.compile(r"(pos|from)_[xyz]")
+    return term.mechanism.id == "material_hard_zone" or any(map(places.fullmatch, term.mechanism.reads))
+
+
+def words(term: Term, states: Sequence[AxisState], sizes: Mapping[str, float] | None = None) -> Told:
+    """The operator's words of the mechanism, confined to the term's region. sizes : its amplitudes by name"""
+    told = term.mechanism.told(states, dict(term.shape), sizes or {})
+    regions = " and ".join(gate_words(g, states) for g in term.gates).replace(" and only where ", " and ")
+    summary = f"{told.summary}, {regions}" if regions else told.summary
+    conditions = (*told.conditions, *(g.condition for g in term.gates))
+    return told._replace(summary=in_words(summary), conditions=conditions)
 
 
 def in_words(summary: str) -> str:

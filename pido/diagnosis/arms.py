@@ -19,9 +19,10 @@ from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
-from pido.diagnosis.mechanisms.base import Parameter
+from pido.diagnosis.mechanisms.base import Parameter, Told
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
+from pido.diagnosis.switches import eased_in, told_of_switch
 from pido.diagnosis.terms import Term
 
 _PLACES = ("pos_", "from_")
@@ -65,6 +66,13 @@ class Arm(Unnamed):
             return f"with {u}, more or less of it with {self.place}", ()
         return f"with {u}, in proportion to how far from somewhere {self.place} is", ()
 
+    def told(self, states: Sequence[AxisState], shape: Mapping[str, float], sizes: Mapping[str, float]) -> Told:
+        axis, plain = states[0].axis, super().told(states, shape, sizes)
+        if self.place != "coolant" or not {"k_0", "k_1"} <= sizes.keys():
+            return plain
+        off = sizes["k_0"]
+        return told_of_switch(axis, (self.signal, self.form), self.place, off + sizes["k_1"], off) or plain
+
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.reads))
 
@@ -107,6 +115,14 @@ class Eased(Unnamed):
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         up_to = f"{shape['c']:.3g} {self.of}"
         return f"with {written(self.signal, self.form)}, changing with {self.by} up to some {up_to}", ()
+
+    def told(self, states: Sequence[AxisState], shape: Mapping[str, float], sizes: Mapping[str, float]) -> Told:
+        """Where it is eased before the other quantity is at its least, that is a switch."""
+        axis, plain = states[0].axis, super().told(states, shape, sizes)
+        if not {"k_0", "k_1"} <= sizes.keys() or not eased_in(self.by, shape["c"], states):
+            return plain
+        on = sizes["k_0"]
+        return told_of_switch(axis, (self.signal, self.form), self.by, on, on + sizes["k_1"]) or plain
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.reads), shape["c"])

@@ -28,7 +28,7 @@ from pido.core.arrays import Float1D
 from pido.core.errors import DiagnosisError
 from pido.core.files import replacing, write_atomically
 from pido.core.names import file_name
-from pido.diagnosis.finding import Diagnosis, Finding, PartSeries
+from pido.diagnosis.finding import ByPart, Diagnosis, Finding, PartSeries
 from pido.diagnosis.pair import pair_of
 
 SCHEMA = "pido.diagnosis/1"
@@ -56,9 +56,12 @@ def as_details(diagnosis: Diagnosis) -> dict[str, Any]:
                 "voxels": [list(v) for v in f.where.voxels],
                 "nc_lines": list(f.where.nc_lines),
                 "workpiece": f.where.workpiece,
+                "said": f.said,
                 "faults": [asdict(fault) for fault in f.where.faults],
                 "factor": None if f.factor is None else {"value": f.factor.value, "ci95": list(f.factor.ci95)},
+                "factor_by_part": None if f.by_part is None else _by_part(f.by_part),
                 "to_tell_apart": {a.mechanism: a.to_tell_apart for a in f.alternatives if a.to_tell_apart},
+                "to_record": f.to_record,
             }
             for f in diagnosis.findings
         ],
@@ -227,6 +230,15 @@ def _finding(f: Finding) -> dict[str, Any]:
         },
         "replaces": list(f.replaces),
         "alternatives": [{"mechanism": a.mechanism, "delta_bic": a.delta_bic} for a in f.alternatives],
+    }
+
+
+def _by_part(found: ByPart) -> dict[str, Any]:
+    return {
+        "differs": found.differs,
+        "p_value": found.p_value,
+        "spread": found.spread,
+        "parts": {part: {"value": e.value, "ci95": list(e.ci95)} for part, e in found.factors.items()},
     }
 
 

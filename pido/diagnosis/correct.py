@@ -17,6 +17,7 @@ from pido.core.axes import AXES
 from pido.core.columns import CURRENT
 from pido.core.errors import DiagnosisError
 from pido.core.recording import Recording
+from pido.diagnosis.events import ExternalForce
 from pido.diagnosis.finding import PartSeries
 from pido.diagnosis.locate import score
 from pido.diagnosis.models import AxisModel, axis_models, readable
@@ -69,6 +70,19 @@ def not_told_of(model: Mapping[str, Any], recording: Recording, earlier: Sequenc
     if own is None or not known or not asked:
         return []
     return sorted(set(range(min(known), own)) - set(known))
+
+
+def not_applied(model: Mapping[str, Any], recording: Recording) -> list[str]:
+    """Findings, as 'z: external_force', that are tied to times of the diagnosed parts: of any other part, as this one,
+    they say nothing. Where it is diagnosed, they are known for it, and where they are not there, too."""
+    part = recording.part.part
+    return [
+        f"{axis}: {term.name}"
+        for axis, own in axis_models(model).items()
+        for term in own.terms
+        if isinstance(term.mechanism, ExternalForce)
+        and part not in {*model.get("parts", []), *(name for name, _, _ in term.mechanism.intervals)}
+    ]
 
 
 def wear_not_kept(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> bool:

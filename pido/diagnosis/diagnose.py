@@ -292,7 +292,9 @@ def _settle(
     for i, term in enumerate(terms):
         effect = found.fit.amplitudes[i] @ term.columns(full.states)
         swallowed = _replaced(full, alone.base, fit(full, noises[0], [term]).base)
-        findings.append(finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed))
+        findings.append(
+            finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed, noises[0])
+        )
     findings, note = one_for_many(full, noises[0], terms, found.fit.amplitudes, findings, recorded, level)
     answer.notes += [] if note is None else [note]
     answer.notes += uneven_inputs(parts, full.axis) if full.base_names else []

@@ -42,7 +42,7 @@ class ExternalForce(Mechanism):
     equation: ClassVar[str] = "dI = F(t), piecewise constant over separate intervals"
     kind: ClassVar[Any] = "missing_physics"
     passes_loop: ClassVar[bool] = False
-    summary: ClassVar[str] = "{axis} axis, over single intervals of time, whatever the machine does then"
+    summary: ClassVar[str] = "{axis} axis, over single intervals of time"
     shape: ClassVar[tuple[Parameter, ...]] = ()
     looked_at: ClassVar[int] = 3_000  # intervals that do not overlap much: ten lengths of each bin
 

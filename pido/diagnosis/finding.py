@@ -22,6 +22,27 @@ class Estimate:
     unit: str
     ci95: tuple[float, float]
 
+    @property
+    def fixed(self) -> bool:
+        """Whether it was set with the form of a law and not estimated: the interval that the contract asks for has no
+        width."""
+        return self.ci95[0] == self.value == self.ci95[1]
+
+
+@dataclass(frozen=True, slots=True)
+class ByPart:
+    """The factor of a wrong coefficient part by part.
+
+    p_value : how often parts that have one and the same would differ as much
+    spread : standard deviation of the factors, beyond that of measuring them
+    differs : whether they do, by enough to matter
+    """
+
+    factors: Mapping[str, Estimate]
+    p_value: float
+    spread: float
+    differs: bool
+
 
 @dataclass(frozen=True, slots=True)
 class Interval:
@@ -113,6 +134,14 @@ class Finding:
     replaces: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     factor: Estimate | None = None  # that a miscalibrated coefficient of the simulation has to be multiplied by
+    by_part: ByPart | None = None  # that factor, part by part
+    said: str = ""  # what it is in plain words, where that is more than its identifier says
+    to_record: str = ""  # what would tell what it is, where the finding itself cannot
+
+    @property
+    def of_its_parts_only(self) -> bool:
+        """Whether it is tied to times of the diagnosed parts, so that it says nothing of any other."""
+        return self.mechanism == "external_force"
 
     @property
     def modelled(self) -> bool:

@@ -8,49 +8,73 @@ Out: a Page: the verdict in one sentence; recorded, simulated and corrected sign
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from bokeh.models import BoxAnnotation, ColorBar, LinearColorMapper
-from bokeh.palettes import Cividis256
+from bokeh.models import BoxAnnotation
 from bokeh.plotting import figure
 
 from pido.accepted import INSTANT, name_of
 from pido.core.arrays import Float1D
-from pido.core.columns import CURRENT, POSITION, UNITS, VELOCITY
+from pido.core.columns import CURRENT, UNITS
 from pido.core.recording import Recording
 from pido.diagnosis.comparable import SHORT_S, without_wild
 from pido.diagnosis.contract import unit_of_series
 from pido.diagnosis.estimate import FORM
-from pido.diagnosis.finding import NOT_TOLD_APART, Diagnosis, Estimate, Finding, HeldOut, PartSeries
+from pido.diagnosis.finding import (
+    NOT_TOLD_APART,
+    ByPart,
+    Diagnosis,
+    Estimate,
+    Finding,
+    HeldOut,
+    Interval,
+    PartSeries,
+)
 from pido.diagnosis.pair import pair_of
-from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure, thin
-from pido.reports.words import in_words, shortened
+from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure
+from pido.reports.places import curves, maps
+from pido.reports.words import beside_its_words, in_words, shortened
 
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
-MOST_MAP_POINTS = 3000
 MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
+FIXED = "set by the form, not estimated"
+"""In place of the interval of a number that has none."""
+NEARLY_ALL = 0.7
+"""Of the NC blocks of the parts: a finding that is in more of them is told to be everywhere."""
+ANYTHING = "tool, material, clamping, lubrication, warmth"
+WHAT_DIFFERS = {
+    "inertia": "first the mass that is clamped on the axis",
+    "gravity_load": "first the mass that the axis carries",
+    "spindle_inertia": "first what is clamped in the spindle",
+}
+"""Between parts that have another factor of a coefficient each."""
+MOST_PARTS = 20
+"""Parts whose own factor of a coefficient is told; all stand in details.json."""
+MOST_TIMES = 24
+"""Stretches of time of an outside force that are told; all stand in diagnosis.json."""
 MOST_FAULTS = 40
 """Faulty stretches of a signal shown in a row each."""
 
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
-    """The page; plots are drawn for the strongest finding of each axis."""
+    """The page; signals and maps are drawn for the strongest finding of each axis, a curve for every one."""
     pair = pair_of(diagnosis.model)
     compared = recordings if pair is None else [pair.of(r) for r in recordings]
     by_part = {r.part.part: r for r in without_wild(compared, [])}
     machines = sorted({r.part.machine for r in recordings})
     sections = [_overview(diagnosis)] if diagnosis.findings else []
     drawn: set[str] = set()
+    blocks = _count_of_blocks(by_part.values())
     for finding in diagnosis.findings:
         if not finding.modelled:
             figures = _faulty(finding, by_part)
         else:
-            figures = [] if finding.axis in drawn else _figures(finding, diagnosis, by_part)
+            figures = _figures(finding, diagnosis, by_part, first=finding.axis not in drawn)
             drawn.add(finding.axis)
-        sections.append(_finding(finding, diagnosis.beside_others(finding), figures))
+        sections.append(_finding(finding, diagnosis.beside_others(finding), figures, blocks))
     if not diagnosis.findings:
         sections.append(Section("Recorded and simulated where they differ most", figures=_clean(diagnosis, by_part)))
     next_recordings = _what_to_record(diagnosis)
@@ -78,7 +102,9 @@ def verdict(diagnosis: Diagnosis) -> str:
             f"{_limits(diagnosis)}"
         )
     first = diagnosis.findings[0]
-    text = f"Axis {first.axis}: {in_words(first.mechanism)} ({first.mechanism}), {first.where.summary}."
+    called = _called(first)
+    where = beside_its_words(first.where.summary, called)
+    text = f"Axis {first.axis}: {called} ({first.mechanism}){', ' if where else ''}{where}."
     if first.modelled:
         on = " on data that was not used for the fit" if first.fit.unseen else ""
         text += f" With it the error{on} falls from {_rmse(first.fit, ' to ')}{_unit(diagnosis)}."
@@ -88,6 +114,13 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.clean_axes:
         text += f" Nothing significant on: {', '.join(diagnosis.clean_axes)}."
     return text + _limits(diagnosis)
+
+
+def _called(finding: Finding) -> str:
+    """What an operator calls it: as it was found, where that says more than its identifier."""
+    if finding.said and finding.kind == "unexplained":
+        return f"{finding.said}, which no known mechanism explains"
+    return finding.said or in_words(finding.mechanism)
 
 
 def _limits(diagnosis: Diagnosis) -> str:
@@ -113,7 +146,7 @@ def _overview(diagnosis: Diagnosis) -> Section:
     rows = [
         (
             f.axis,
-            in_words(f.mechanism),
+            _called(f),
             f.kind.replace("_", " "),
             f.where.summary,
             _rmse(f.fit) if f.modelled else "–",
@@ -127,19 +160,27 @@ def _overview(diagnosis: Diagnosis) -> Section:
     return Section("Findings, the strongest first", table=Table(head, rows))
 
 
-def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
-    lines = [f"{in_words(f.mechanism)}: {f.equation}", f"Where: {f.where.summary}"]
+def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int) -> Section:
+    """blocks : how many NC blocks the parts have"""
+    lines = [f"{_called(f)}: {f.equation}", f"Where: {f.where.summary}"]
+    if f.of_its_parts_only:
+        lines.append(f"When, in s since each part began: {_times(f.where.intervals)}.")
+        lines.append(
+            "This finding predicts no other part: it is tied to these times and to nothing that was recorded. 'pido "
+            "correct' leaves it out on other parts, and says so."
+        )
     if f.factor is not None:
         low, high = (number(end, 3) for end in f.factor.ci95)
         lines.append(
             f"The simulation has it with a wrong coefficient: multiply that by {number(f.factor.value, 3)} (95 % "
             f"interval {low} … {high}). The parameter below is what has to be added."
         )
+    if f.by_part is not None and f.by_part.differs:
+        lines.append(_part_by_part(f.by_part, f.mechanism.removeprefix("miscalibrated:")))
     if f.where.workpiece:
         lines.append(f"On the workpiece: {f.where.workpiece}")
-    if f.where.nc_lines:
-        shown = ", ".join(map(str, f.where.nc_lines[:20]))
-        lines.append(f"NC blocks: {shown}{' …' if len(f.where.nc_lines) > 20 else ''}")
+    if f.where.nc_lines and not f.of_its_parts_only:
+        lines.append(f"NC blocks: {_blocks(f.where.nc_lines, blocks)}")
     if f.modelled:
         lines.append(
             f"Evidence: p {_chance(f.evidence.p_value)}, corrected for all questions asked q "
@@ -181,16 +222,49 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure]) -> Section:
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
 
 
+def _blocks(lines: Sequence[int], of: int) -> str:
+    """The blocks, the first of them where they are many; or that they are nearly all."""
+    if NEARLY_ALL * of < len(lines) <= of:
+        return f"nearly everywhere, in {len(lines)} of {of}; all stand in details.json"
+    return ", ".join(map(str, lines[:20])) + (" …" if len(lines) > 20 else "")
+
+
+def _count_of_blocks(recordings: Iterable[Recording]) -> int:
+    lines = [np.asarray(r["nc_line"], float) for r in recordings if "nc_line" in r]
+    return len(np.unique(np.concatenate([v[np.isfinite(v)] for v in lines]))) if lines else 0
+
+
+def _part_by_part(found: ByPart, mechanism: str) -> str:
+    each = [
+        f"{shortened(part)} {number(e.value, 3)} ({' … '.join(number(end, 3) for end in e.ci95)})"
+        for part, e in list(found.factors.items())[:MOST_PARTS]
+    ]
+    left = len(found.factors) - len(each)
+    return (
+        f"This factor differs from part to part (p {_chance(found.p_value)} that it is the same in all): "
+        f"{', '.join(each)}{f'; {left} more in details.json' if left else ''}. The one above is their mean and right "
+        f"for none of them: look for what differs between the parts ({WHAT_DIFFERS.get(mechanism, ANYTHING)}) before a "
+        "coefficient is changed."
+    )
+
+
+def _times(intervals: Sequence[Interval]) -> str:
+    """Stretches part by part, the first of them where they are many."""
+    shown = intervals[:MOST_TIMES]
+    parts = dict.fromkeys(i.part for i in shown)
+    text = "; ".join(
+        f"{shortened(p)} " + ", ".join(f"{i.t_start:.1f} to {i.t_end:.1f}" for i in shown if i.part == p) for p in parts
+    )
+    left = len(intervals) - len(shown)
+    return f"{text}; {left} more in diagnosis.json" if left else text
+
+
 def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]]:
     """A row per parameter: name, value, interval; one for all of a name that are numbered where these are many, as the
     knots of a curve are."""
     alike = Counter(_numbered(name, e) for name, e in parameters.items())
     many = [name for name, e in parameters.items() if alike[_numbered(name, e)] > MOST_NUMBERED]
-    rows = [
-        (name, f"{number(e.value, 4)} {e.unit}", f"{number(e.ci95[0], 4)} … {number(e.ci95[1], 4)} {e.unit}")
-        for name, e in parameters.items()
-        if name not in many
-    ]
+    rows = [_row(name, e) for name, e in parameters.items() if name not in many]
     if many:
         values, unit = [parameters[name].value for name in many], parameters[many[0]].unit
         low, high = (number(end, 4) for end in (min(values), max(values)))
@@ -198,6 +272,19 @@ def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]
             0, (f"{many[0]} … {many[-1]}", f"{len(many)} values, {low} to {high} {unit}", "each in diagnosis.json")
         )
     return rows
+
+
+def _row(name: str, estimate: Estimate) -> tuple[str, str, str]:
+    """A scale, which formulas have as what it lacks of one, is told as itself.
+
+    >>> _row("g - 1", Estimate(0.06987, "–", (0.06748, 0.07226)))
+    ('g', '× 1.070', '1.067 … 1.072')
+    """
+    if name.endswith(" - 1") and estimate.unit == "–":
+        value, low, high = (f"{1 + v:.4g}".ljust(5, "0") for v in (estimate.value, *estimate.ci95))
+        return name.removesuffix(" - 1"), f"× {value}", f"{low} … {high}"
+    interval = " … ".join(number(end, 4) for end in estimate.ci95) + f" {estimate.unit}"
+    return name, f"{number(estimate.value, 4)} {estimate.unit}", FIXED if estimate.fixed else interval
 
 
 def _numbered(name: str, estimate: Estimate) -> tuple[str, str]:
@@ -222,7 +309,8 @@ def _unit(diagnosis: Diagnosis) -> str:
 
 
 def _what_to_record(diagnosis: Diagnosis) -> list[str]:
-    return [
+    named = [f"Axis {f.axis}, {f.mechanism}, to know more: {f.to_record}" for f in diagnosis.findings if f.to_record]
+    return named + [
         f"Axis {f.axis}, {f.mechanism} or {a.mechanism}: {a.to_tell_apart}"
         for f in diagnosis.findings
         for a in f.alternatives
@@ -239,11 +327,14 @@ def _to_accept(diagnosis: Diagnosis) -> list[str]:
     return [call.format(name=name) for name in names]
 
 
-def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording]) -> list[figure]:
+def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording], *, first: bool) -> list[figure]:
     axis = finding.axis
     shown = {p: s for p, s in diagnosis.parts.items() if axis in s.corrected and p in by_part}
     if not shown:
         return []
+    own = curves(finding, diagnosis.model, shown, by_part, _unit(diagnosis))
+    if not first:
+        return own
     part = max(shown, key=lambda p: float(np.nanmax(np.abs(shown[p].mismatch[axis]), initial=0.0)))
     recording, series = by_part[part], shown[part]
     recorded = recording.columns.get(CURRENT[axis])
@@ -251,7 +342,8 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     return [
         _worst_place(part, axis, label, recorded, series),
         _over_time(part, axis, label, recorded, series),
-        *_map(axis, shown, by_part, _unit(diagnosis).strip()),
+        *own,
+        *maps([f for f in diagnosis.findings if f.axis == axis], shown, by_part, _unit(diagnosis).strip()),
     ]
 
 
@@ -336,40 +428,6 @@ def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, serie
         plot.add_layout(BoxAnnotation(left=start, right=end, fill_color=COLOURS["band"], fill_alpha=0.25))
     plot.legend.click_policy = "hide"
     return plot
-
-
-def _map(axis: str, shown: dict[str, PartSeries], by_part: dict[str, Recording], unit: str) -> list[figure]:
-    """Where: over the workpiece and over the speeds, coloured by the size of the mismatch."""
-    planes = [
-        ("Where on the machine table", POSITION["x"], POSITION["y"], "mm"),
-        ("At which speeds", VELOCITY["x"], VELOCITY["y"], "mm/s"),
-    ]
-    figures = []
-    for title, first, second, along in planes:
-        usable = [p for p in shown if first in by_part[p] and second in by_part[p]]
-        if not usable:
-            continue
-        each = MOST_MAP_POINTS // len(usable)
-        x, y, size = (
-            np.concatenate([np.asarray(get(p), float)[thin(len(shown[p].time), each)] for p in usable])
-            for get in (
-                lambda p, c=first: by_part[p][c],
-                lambda p, c=second: by_part[p][c],
-                lambda p: np.abs(shown[p].mismatch[axis]),
-            )
-        )
-        high = float(np.nanquantile(size, 0.99)) or 1.0
-        mapper = LinearColorMapper(palette=list(Cividis256), low=0.0, high=high)
-        plot = signal_figure(
-            f"{title}:\nsize of the mismatch on axis {axis}", f"{first}, {along}", f"{second}, {along}", 380
-        )
-        plot.scatter(
-            "x", "y", source={"x": x, "y": y, "size": size}, color={"field": "size", "transform": mapper}, size=4
-        )
-        plot.match_aspect = True  # a circle of the part is a circle on the page
-        plot.add_layout(ColorBar(color_mapper=mapper, title=unit), "right")
-        figures.append(plot)
-    return figures
 
 
 def _runs(mask: np.ndarray, time: np.ndarray) -> list[tuple[float, float]]:

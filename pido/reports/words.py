@@ -1,5 +1,7 @@
 """What an operator calls each mechanism and each figure: identifiers in plain words."""
 
+import re
+
 MECHANISMS = {
     "coulomb_friction": "constant friction against the motion",
     "viscous_friction": "friction that grows with speed",
@@ -23,7 +25,7 @@ MECHANISMS = {
     "spindle_windage": "spindle drag that grows with the square of its speed",
     "spindle_inertia": "torque needed to accelerate the spindle",
     "spindle_torque_load": "cutting torque on the spindle",
-    "thermal_drift": "a load that settles as the machine warms up or cools down",
+    "thermal_drift": "a load or a friction that settles as the machine warms up or cools down",
     "current_saturation": "a current that is no longer proportional to torque",
     "external_force": "a force over separate stretches of time, tied to nothing that was measured",
     "time_misalignment": "recording and simulation are shifted in time",
@@ -67,6 +69,40 @@ def shortened(name: str, most: int = 24) -> str:
     ('p01', 'gearbox cov…1, part 0017')
     """
     return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 :]}"
+
+
+_SAID_ALREADY = re.compile(
+    r"whenever the (\w+ axis|spindle) moves, against its direction"
+    r"|in motion of the (\w+ axis|spindle), more at higher feed"
+    r"|at standstill, (?=with the sign)"
+    r"|friction differs between \+ and - direction"
+    r"|in motion, friction changes along the travel"
+    r"|while the (\w+ axis speeds up or slows down|spindle runs up or down)"
+    r"|while the spindle turns, (in proportion to|with the square of) its speed"
+    r"|while cutting, in proportion to the (process force|cutting torque)"
+    r"|whenever the tool is engaged, however thin the chip"
+    r"|while cutting, growing with what the tool has cut"
+    r"|while coolant is on"
+    r"|at all times, in proportion to the whole current"
+    r"|over single intervals of time"
+    r"|(a load|friction( that goes with the speed)?) (falls|grows|fades|builds up) (?=by |with )"
+)
+"""Of where a mechanism acts, what its plain words have said."""
+
+
+def beside_its_words(where: str, words: str) -> str:
+    """What is left to say of where a mechanism acts, beside its axis and its plain words; '' where that is nothing.
+
+    >>> beside_its_words("y axis, while coolant is on", "a load while coolant is on")
+    ''
+    >>> beside_its_words("y axis, over single intervals of time; it comes again every 40 s", "a force over stretches")
+    'it comes again every 40 s'
+    >>> beside_its_words("x axis in motion: more friction while it cuts", "more friction while it cuts")
+    ''
+    """
+    where = re.sub(r"^([xyz] axis|spindle)(, | in motion: |: | (?=in motion))", "", where)
+    phrases = [phrase.strip(" ,:") for phrase in _SAID_ALREADY.sub("", where).split("; ")]
+    return "; ".join(phrase for phrase in phrases if phrase not in words)
 
 
 def in_words(mechanism: str) -> str:

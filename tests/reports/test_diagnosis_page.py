@@ -269,3 +269,93 @@ def test_a_verdict_on_enough_motion_of_all_axes_has_no_reservation():
     verdict = diagnosis_page(found, [recording]).verdict
     assert "y moves for 4 s" in verdict  # of x something was found
     assert "x moves" not in verdict
+
+
+def test_a_force_tied_to_times_is_shown_with_them_and_said_to_predict_nothing(tmp_path):
+    diagnosis, recording = _diagnosis()
+    times = tuple(Interval("p01", 40.0 * k + 5, 40.0 * k + 13, 0.9) for k in range(40))
+    force = replace(
+        diagnosis.findings[0],
+        mechanism="external_force",
+        where=Where("x axis, over single intervals of time", intervals=times),
+        alternatives=(),
+        to_record="a signal of the lubrication pump",
+    )
+    found = replace(diagnosis, findings=(force,))
+    page = diagnosis_page(found, [recording])
+    (section,) = [s for s in page.sections if s.title == "Axis x: external_force"]
+    text = " ".join(section.text)
+    assert "p01 5.0 to 13.0, 45.0 to 53.0" in text
+    assert "more in diagnosis.json" in text
+    assert "1565.0" not in text  # the last of many
+    assert "predicts no other part" in text
+    (asked,) = [s.text for s in page.sections if s.title == "What to record next"]
+    assert asked == ["Axis x, external_force, to know more: a signal of the lubrication pump"]
+    contract.write(found, tmp_path)
+    (detail,) = json.loads((tmp_path / "details.json").read_text())["findings"]
+    assert detail["to_record"] == "a signal of the lubrication pump"
+    assert len(json.loads((tmp_path / "diagnosis.json").read_text())["findings"][0]["where"]["intervals"]) == 40
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "summary", "once"),
+    [
+        ("coolant_load", "x axis, while coolant is on", "coolant is on"),
+        ("friction_asymmetry", "x axis, friction differs between + and - direction", "differs"),
+        ("external_force", "x axis, over single intervals of time; it predicts no other part", "it predicts"),
+        ("inertia", "while the x axis speeds up or slows down", "accelerate"),
+    ],
+)
+def test_the_headline_says_nothing_twice(mechanism, summary, once):
+    diagnosis, recording = _diagnosis()
+    one = replace(diagnosis.findings[0], mechanism=mechanism, where=Where(summary))
+    verdict = diagnosis_page(replace(diagnosis, findings=(one,)), [recording]).verdict.split(" With it")[0]
+    assert verdict.count(once) == 1
+    assert verdict.count("x axis") == 0
+    assert verdict.count("direction") <= 1
+    assert ",." not in verdict
+
+
+def test_a_finding_is_called_by_what_was_said_of_it():
+    diagnosis, recording = _diagnosis()
+    warm = replace(
+        diagnosis.findings[0],
+        mechanism="thermal_drift",
+        said="friction that falls as the machine warms up",
+        where=Where("x axis, friction falls by 0.49 A with a time constant of 234 s"),
+    )
+    page = diagnosis_page(replace(diagnosis, findings=(warm,)), [recording])
+    says = (
+        "Axis x: friction that falls as the machine warms up (thermal_drift), by 0.49 A with a time constant of 234 s."
+    )
+    assert page.verdict.startswith(says)
+
+
+@pytest.mark.parametrize(("named", "everywhere"), [(9, True), (4, False)])
+def test_a_list_of_nearly_all_blocks_is_told_in_words(named, everywhere):
+    diagnosis, recording = _diagnosis()
+    recording = recording.with_columns(nc_line=np.arange(len(recording)) % 10 * 10.0)
+    where = replace(diagnosis.findings[0].where, nc_lines=tuple(range(0, 10 * named, 10)))
+    found = replace(diagnosis, findings=(replace(diagnosis.findings[0], where=where),))
+    (line,) = [t for s in diagnosis_page(found, [recording]).sections for t in s.text if t.startswith("NC blocks")]
+    assert line == ("NC blocks: nearly everywhere, in 9 of 10; all stand in details.json" if everywhere else
+                    "NC blocks: 0, 10, 20, 30")  # fmt: skip
+
+
+def test_a_scale_is_shown_as_a_factor():
+    diagnosis, recording = _diagnosis()
+    gain = replace(diagnosis.findings[0], parameters={"g - 1": Estimate(0.06987, "–", (0.06748, 0.07226))})
+    page = diagnosis_page(replace(diagnosis, findings=(gain,)), [recording])
+    (table,) = [s.table for s in page.sections if s.table is not None and "parameter" in s.table.head]
+    assert table.rows == [("g", "× 1.070", "1.067 … 1.072")]
+
+
+def test_an_axis_that_was_left_out_is_in_the_summary_with_the_reason():
+    diagnosis, _ = _diagnosis()
+    note = "axis z is left out: 'curr_z' is constant (0.3) throughout p01: nothing was measured there."
+    found = replace(diagnosis, clean_axes=("y",), notes=(note,))
+    assert summary(found)[1:] == [
+        "y   nothing significant",
+        "z   not judged: 'curr_z' is constant (0.3) throughout p01: nothing was measured there.",
+        "sp   not judged: no current was recorded.",
+    ]

@@ -1,4 +1,6 @@
-"""Which recording tells two mechanisms apart that the data at hand cannot: pairs of identifiers and a sentence."""
+"""Which recording tells two mechanisms apart that the data at hand cannot: pairs of identifiers and a sentence; and
+which one tells what a force is that nothing recorded drives.
+"""
 
 from __future__ import annotations
 
@@ -132,6 +134,27 @@ def recording_that_tells(own: str, other: str) -> str:
     return (
         f"a recording in which {a} changes while {b} does not, and one in which {b} changes while {a} does not, "
         "20 s each"
+    )
+
+
+def recording_that_names(every: float | None) -> str:
+    """The recording that tells what an outside force is.
+
+    every : s, after which it comes again; None where it has no rhythm
+
+    >>> recording_that_names(40.0)  # doctest: +ELLIPSIS
+    'at least 200 s of any program, and beside it a signal of each unit that may switch every 40 s (lubrication ...'
+    """
+    if every is None:
+        return (
+            "the same program twice, and beside it a signal of each unit that switches by itself (lubrication pump, "
+            "hydraulic unit, chip conveyor, coolant pump) or the times at which somebody touched the machine: what "
+            "comes again at the same place of the program belongs to the program, the rest to what switches with it"
+        )
+    return (
+        f"at least {5 * every:.3g} s of any program, and beside it a signal of each unit that may switch every "
+        f"{every:.3g} s (lubrication pump, hydraulic unit, chip conveyor, coolant pump): the one that switches with "
+        "the force is its cause, and its signal is what foretells the force on other parts"
     )
 
 

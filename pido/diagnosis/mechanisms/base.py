@@ -12,7 +12,7 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -69,6 +69,20 @@ def choice(name: str, count: int, first: int = 0) -> Parameter:
 def which(value: float, count: int) -> int:
     """The number of the form, of `count`, that a `choice` stands for; a search may overstep its ends."""
     return int(np.clip(round(value), 0, count - 1))
+
+
+class Told(NamedTuple):
+    """What an operator reads of a mechanism, as it was found.
+
+    summary, conditions : where it acts, in words and in the form of the contract
+    name : what it is, where that is more than its identifier says; '' where it is not
+    to_record : what would tell more
+    """
+
+    summary: str
+    conditions: tuple[str, ...] = ()
+    name: str = ""
+    to_record: str = ""
 
 
 class Mechanism(ABC):
@@ -158,6 +172,10 @@ class Mechanism(ABC):
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         """(summary in an operator's words, conditions in the form of the contract)."""
         return self.summary.format(axis=axis, **shape), ()
+
+    def told(self, states: Sequence[AxisState], shape: Mapping[str, float], sizes: Mapping[str, float]) -> Told:
+        """As `conditions`, with what the data and its sizes (amplitudes by name) say more."""
+        return Told(*self.conditions(states[0].axis, shape))
 
 
 def column(values: Float1D) -> Float2D:

@@ -60,6 +60,11 @@ class SensorGain(_OfSimulation):
     def regressors(self, state, **shape):
         return nothing(state) if state.sim is None else column(state.sim)
 
+    def told(self, states, shape, sizes):
+        plain = super().told(states, shape, sizes)
+        lacks = sizes.get("g - 1")
+        return plain if lacks is None else plain._replace(summary=f"{plain.summary}: × {1 + lacks:.3f}")
+
 
 class SensorOffset(Mechanism):
     """The measured current is shifted by a constant."""

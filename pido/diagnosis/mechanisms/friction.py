@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
 from pido.diagnosis.state import AxisState
@@ -333,13 +333,17 @@ class PositionDependentFriction(Sliding):
     follows_from = ("pos",)
 
     def regressors(self, state, *, form, L, p_0, rest=0.0, v_0=_RISES_MM_S[0]):
-        out = nothing(state, len(self.amplitudes))
         if state.pos is None:
-            return out
-        h, u, form = direction(state, rest, v_0), (state.pos - p_0) / L, round(form)
-        one, zero = np.ones(len(h)), np.zeros(len(h))
+            return nothing(state, len(self.amplitudes))
+        return self.along(state.pos, form=form, L=L, p_0=p_0) * direction(state, rest, v_0)[:, None]
+
+    def along(self, pos: Float1D, *, form: float, L: float, p_0: float, **_: float) -> Float2D:
+        """(n, amplitudes) – what each amplitude counts for in g, at places (n,)."""
+        out = np.zeros((len(pos), len(self.amplitudes)))
+        u, form = (pos - p_0) / L, round(form)
+        one, zero = np.ones(len(pos)), np.zeros(len(pos))
         if form in (0, 3):
-            columns = [one if form == 0 else zero, *wave(state.pos, L).T]
+            columns = [one if form == 0 else zero, *wave(pos, L).T]
         elif form == 2:
             columns = [zero, np.exp(-(u**2) / 2)]
         elif form in _PLACES:
@@ -347,7 +351,7 @@ class PositionDependentFriction(Sliding):
             columns = [np.maximum(1 - np.abs(at - n), 0) for n in range(_PLACES[form])]
         else:
             columns = [one, u, u**2] if form == 1 else [zero, u, u**2 - 1 / 3]
-        out[:, : len(columns)] = np.column_stack(columns) * h[:, None]
+        out[:, : len(columns)] = np.column_stack(columns)
         return out
 
     def equation_in(self, axis, shape):

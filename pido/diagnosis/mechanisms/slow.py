@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, Told, choice, column, nothing, which
 from pido.diagnosis.mechanisms.friction import at_rest, direction
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
@@ -91,6 +91,21 @@ class ThermalDrift(Mechanism):
         if name != "tau":
             return shape[name], shape[name]
         return max(self.shape[0].low or 0.0, shape["tau"] / 3), min(self.shape[0].high or np.inf, shape["tau"] * 3)
+
+    def told(self, states, shape, sizes):
+        """With which way it goes: what fades from cold falls, as far as it adds to the simulation's."""
+        T, plain = sizes.get("T"), super().told(states, shape, sizes)
+        if T is None:
+            return plain
+        along, rises = which(shape["along"], 3), round(shape["rises"]) == 1
+        noun = ("a load", "friction", "friction that goes with the speed")[along]
+        grows = rises if along == 0 else rises == (T > 0)
+        goes = ("builds up" if grows else "fades") if along == 0 else ("grows" if grows else "falls")
+        by = f" by {abs(T):.3g} A" if along < 2 else ""
+        again = ", and comes back in pauses" if round(shape["clock"]) == 2 else ""
+        summary = f"{states[0].axis} axis, {noun} {goes}{by} with a time constant of {shape['tau']:.3g} s{again}"
+        name = f"{noun} {'and' if along == 2 else 'that'} {goes} as the machine warms up"
+        return Told(summary, plain.conditions, name)
 
     def needs(self, states):
         longest = max(float(s.time[-1] - s.time[0]) for s in states)
