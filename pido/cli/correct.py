@@ -35,7 +35,14 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
     from pido.diagnosis.comparable import finite
-    from pido.diagnosis.correct import correct, not_applied, not_told_of, wear_not_kept, without_currents
+    from pido.diagnosis.correct import (
+        correct,
+        not_applied,
+        not_told_of,
+        own_shift,
+        wear_not_kept,
+        without_currents,
+    )
     from pido.recordings import read_recording
 
     folder = _folder_of(diagnosis)
@@ -68,6 +75,13 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
             f"part {recording.part.part}: {name} is not applied: it is known over times of the diagnosed parts only, "
             "tied to nothing that was recorded, and predicts no other part. report.html says what to record to find "
             "what it is.",
+            err=True,
+        )
+    for axis, mean in own_shift(model, recording).items():
+        click.echo(
+            f"part {recording.part.part}: the diagnosed parts are each shifted in time by their own on axis {axis}; "
+            f"that of this part is not known, and their mean, {mean * 1e3:.3g} ms, stands in for it. Align recording "
+            "and simulation of each part at its first motion.",
             err=True,
         )
     series = correct(model, recording, earlier)

@@ -85,6 +85,13 @@ def not_applied(model: Mapping[str, Any], recording: Recording) -> list[str]:
     ]
 
 
+def own_shift(model: Mapping[str, Any], recording: Recording) -> dict[str, float]:
+    """Per axis, s: the shift in time that a part is corrected by in place of its own, which nobody knows, where the
+    diagnosed parts have another one each. It is their mean."""
+    part = recording.part.part
+    return {axis: m.delay[0] for axis, m in axis_models(model).items() if m.late and part not in m.late}
+
+
 def wear_not_kept(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> bool:
     """Whether a finding depends on wear that nothing says: the part does not state it, the model is of a version that
     did not keep what its own parts wore off, and not all of these are in `earlier`."""

@@ -1,12 +1,14 @@
 """A shift in time is one finding, and none where it only imitates another."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.correct import correct
+from pido.diagnosis.correct import correct, own_shift
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.in_time import no_worse
 from pido.diagnosis.mismatch import lay_out
@@ -88,6 +90,9 @@ def test_parts_that_are_late_by_another_time_each_have_a_shift_of_their_own():
         again = correct(found.model, recording)
         left = recording["curr_x"] - again.corrected["x"]
         assert np.sqrt(np.mean(left**2)) < 0.3 * shift.fit.rmse_before
+        assert own_shift(found.model, recording) == {}
+    another = replace(made[0], part=PartInfo(part="p9", machine="m"))
+    assert own_shift(found.model, another) == {"x": pytest.approx(0.01, abs=2e-3)}
 
 
 def test_a_shift_of_many_seconds_is_a_shift_and_no_physics():
