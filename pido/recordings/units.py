@@ -153,7 +153,8 @@ def _groups(seen: Sequence[_Seen]) -> list[list[_Seen]]:
 def _common_factors(seen: Sequence[_Seen]) -> list[float]:
     """What time may be off by: a factor on which two ratios or more agree, and that is not 1.
 
-    If it is that of no unit, a position has to say so as well: accelerations may all have passed one filter.
+    If it is that of no unit, a position has to say so as well, and not that time is right: accelerations may all have
+    passed one filter, or be those of ramps that last a few samples.
     """
     moved = [one.speed for one in seen if one.speed is not None]
     ratios = np.array([r for one in seen for r in one.ratios()])
@@ -161,7 +162,9 @@ def _common_factors(seen: Sequence[_Seen]) -> list[float]:
     for r in ratios:
         alike = ratios[np.abs(ratios / r - 1.0) < _NEAR]
         middle = float(np.median(alike))
-        said = _known(middle, _TIME) is not None or any(_same(speed, middle) for speed in moved)
+        said = _known(middle, _TIME) is not None or any(
+            _same(speed, middle) and abs(speed - middle) < abs(speed - 1.0) for speed in moved
+        )
         if said and len(alike) > 1 and not _same(middle, 1.0) and not any(_same(middle, f) for f in factors):
             factors.append(middle)
     return factors
