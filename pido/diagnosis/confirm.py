@@ -17,6 +17,7 @@ import numpy as np
 from scipy import stats
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
+from pido.diagnosis.events import ExternalForce
 from pido.diagnosis.finding import HeldOut
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, held_back, solve, solve_normal
@@ -156,7 +157,7 @@ def less_error_there(
 
 def forces_among(terms: Sequence[Term]) -> bool:
     """Whether a force over intervals is among them."""
-    return any(t.mechanism.id == "external_force" for t in terms)
+    return any(isinstance(t.mechanism, ExternalForce) for t in terms)
 
 
 def fold_of(mismatch: Mismatch, terms: Sequence[Term]) -> Int1D:

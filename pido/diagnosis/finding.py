@@ -141,7 +141,7 @@ class Finding:
     @property
     def of_its_parts_only(self) -> bool:
         """Whether it is tied to times of the diagnosed parts, so that it says nothing of any other."""
-        return self.mechanism == "external_force"
+        return self.mechanism == "external_force" and "T" not in self.parameters  # what comes again has a period
 
     @property
     def modelled(self) -> bool:

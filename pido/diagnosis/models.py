@@ -31,6 +31,7 @@ from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.late_arms import LaggedArm, Warped
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.pulses import Pulses
 from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
@@ -243,6 +244,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
     match term.mechanism:
         case ExternalForce(intervals=intervals):
             own["intervals"] = [list(i) for i in intervals]
+        case Pulses(clock=clock, origin=origin, cycles=cycles):
+            own |= {"pulses": clock, "origin": origin, "cycles": cycles}
         case Rhythm(clock=clock):
             own["clock"] = clock
         case Formula(factors=factors, unit=unit, seen=seen):
@@ -318,6 +321,8 @@ def _term(data: Mapping[str, Any]) -> Term:
 def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "intervals" in own:
         return ExternalForce(tuple((str(p), float(a), float(b)) for p, a, b in own["intervals"]))
+    if "pulses" in own:
+        return Pulses(bool(own["pulses"]), float(own["origin"]), float(own["cycles"]))
     if "clock" in own:
         return Rhythm(bool(own["clock"]))
     if "factors" in own:

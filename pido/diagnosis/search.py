@@ -44,6 +44,7 @@ from pido.diagnosis.library import Library, basis, plausible
 from pido.diagnosis.loop import lag_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.pulses import repeating
 from pido.diagnosis.select import shortlist_of
 from pido.diagnosis.terms import Term, fit, solve, without
 from pido.diagnosis.unnamed import best_nameless, with_unknown
@@ -165,6 +166,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
     # One that takes the place of several is asked once more for likelier ones.
     for better in (likelier, fewest, likelier, plainest):
         terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
+    terms = _renamed(library, noise, repeating(mismatch, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
     if terms:
         others = set(_not_timing(look.offered) if timed else look.offered).difference(names)
