@@ -27,8 +27,8 @@ from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.machining import Machine
 from pido.core.samples import Samples
-from pido.equations.span import made_of
-from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
+from pido.equations.span import made_of, reach
+from pido.equations.terms import ADAPTIVE, HELD, PAPER, TermSet
 from pido.physics_journal import Entry, in_force, journal, write
 from pido.tracking.promotion import check_person
 from pido.workspace import Workspace
@@ -69,16 +69,18 @@ class AcceptedTerm:
     """A finding as a term of the equation (`pido.equations.terms.ExtraTerm`).
 
     axis : whose equation it extends; bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
+    reach : per column, what the machine can reach of it
     """
 
     name: str
     axis: str
     term: Term
     bands: tuple[float, ...]
+    reach: tuple[float, ...] = (1.0,)
 
     def columns(self, samples: Samples) -> Float2D:
-        """(n, k), A per unit of the finding's amplitudes; the fit finds these anew."""
-        return self.term.of_part(_state(samples, self.axis, self.bands)).T
+        """(n, k): what the finding's amplitudes multiply, over the machine's reach; the fit finds these anew."""
+        return self.term.of_part(_state(samples, self.axis, self.bands)).T / np.asarray(self.reach)
 
 
 def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int, *, by: str, reason: str) -> Entry:
@@ -161,14 +163,15 @@ def as_term(name: str, axis: str, term: Mapping[str, Any], machine: Machine) -> 
     alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
     model = axis_models({"axes": {axis: alone}})[axis]
     read = replace(model.terms[0], lag=0.0)  # rows of samples do not follow one another
-    return AcceptedTerm(name, axis, read, bands), len(model.amplitudes[0])
+    everywhere = AcceptedTerm(name, axis, replace(read, gates=()), bands)  # a box has no part in how large it can be
+    return replace(everywhere, term=read, reach=tuple(reach(everywhere, machine))), len(model.amplitudes[0])
 
 
 def term_sets(accepted: Sequence[tuple[AcceptedTerm, int]], adaptive: bool) -> tuple[TermSet, ...]:
     """The shipped equations (as printed: the paper's alone), each with all accepted physics in it."""
     if not accepted:
         return ()
-    sets = (HELD_SMALL, HELD, PAPER_HELD) if adaptive else (PAPER,)
+    sets = ADAPTIVE if adaptive else (PAPER,)
     for term, size in accepted:
         sets = tuple(s.extended(term, size) for s in sets)
     return sets

@@ -16,8 +16,9 @@ from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.samples import Samples
 from pido.diagnosis.mechanisms import CATALOGUE
-from pido.equations.choose import EVERYWHERE, Candidate, Choice
-from pido.equations.fit import fit_global
+from pido.equations.choose import EVERYWHERE, Candidate, Choice, candidates, choose
+from pido.equations.fit import fit_global, fit_global_from
+from pido.equations.moments import Moments
 from pido.equations.terms import HELD, PAPER
 from pido.files import equations as equation_files
 from pido.iteration import Recipe, physics, refit
@@ -67,6 +68,40 @@ def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_bac
     assert found.choice.near[1:] == refit(rows(600), MACHINE, plainly, 0).choice.near[1:]
     again = equation_files.load(equation_files.dump(found), MACHINE, own)
     assert again.choice.near == found.choice.near
+
+
+def test_true_physics_makes_no_equation_worse_whichever_of_the_shipped_ones_the_axis_needs(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    side = {"side": 2.0, "back": 0.0, "rest": 3.0, "v_0": 3.0}
+    folder = diagnosis(tmp_path / "d", "friction_asymmetry", shape=side, amplitudes=2)
+    accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    own = accepted.terms(place, MACHINE)
+    samples = rows(1000)
+    v = samples.inputs[:, 0]
+    friction = 0.5 - 0.5 * np.exp(-(v**2))  # goes to zero with the speed, for which only the richest equation has terms
+    asymmetry = 0.3 * np.tanh(np.minimum(v, 0.0) / 3.0)
+    samples.currents[:, 0] = friction * np.sign(v) + asymmetry + np.random.default_rng(1).normal(0, 0.01, len(v))
+    choice = choose(samples, MACHINE, candidates(*accepted.term_sets(own, adaptive=True)))
+    found = physics(choice, [term for term, _ in own])["held_out"]["x"]
+    assert found["with"] < 0.9 * found["without"]
+    assert own[0][0] in choice.near[0].terms.extras
+
+
+def test_a_law_whose_numbers_are_large_is_fitted_beside_small_ones(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    folder = diagnosis(tmp_path / "d", "spindle_windage", shape={}, axis="sp")
+    accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    samples = rows(600)
+    speed = np.linspace(0.0, MACHINE.spindle_max_deg_s, len(samples))
+    samples.inputs[:, INPUTS.index("v_sp")] = speed
+    samples.direction[:, 3] = 1.0
+    samples.currents[:, 3] += 2e-9 * speed**2  # 4.6 A at 48 000 deg/s
+    ((term, size),) = accepted.terms(place, MACHINE)
+    extended = HELD.extended(term, size)
+    moments = Moments(extended, MACHINE)
+    moments.add(samples)
+    for fitted in (fit_global(samples, MACHINE, extended), fit_global_from(moments)):
+        assert fitted.coefficients[3, -1] / term.reach[0] == pytest.approx(2e-9, rel=0.01)
 
 
 @pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in accepted.INSTANT], ids=lambda m: m.id)

@@ -27,7 +27,8 @@ _AT = {name: k for k, name in enumerate(INPUTS)}
 
 @runtime_checkable
 class ExtraTerm(Protocol):
-    """Accepted physics of one axis, whose equation it extends. `columns` is (n, k), A per unit of its amplitude."""
+    """Accepted physics of one axis, whose equation it extends. `columns` is (n, k), each over what the machine can
+    reach of it, as all columns are."""
 
     @property
     def name(self) -> str: ...
@@ -71,7 +72,7 @@ class TermSet:
         return np.ascontiguousarray(np.column_stack([columns, *more]))
 
     def scale(self, machine: Machine) -> Float1D:
-        """(p,): what each column is divided by; 1 for extra terms, whose amplitudes are in A already."""
+        """(p,): what each column is divided by; 1 for extra terms, which come so already."""
         return np.r_[self._ranges(machine), np.ones(sum(self.extra_sizes))]
 
     def own(self, axis: str) -> Bool1D:
@@ -231,6 +232,10 @@ def _one(machine: Machine) -> list[float]:
 
 CONSTANT = TermSet("constant", ("1",), 0, 1e-4, _ones, _one)
 """No physics at all: what every equation has to beat."""
+
+ADAPTIVE = (HELD_SMALL, HELD, PAPER_HELD, FRICTION)
+"""What an adaptive choice is between, from plain to rich. Accepted physics extends each of them: were one left out,
+what is chosen would lack either that set's own physics or what was accepted."""
 
 TERM_SETS = (PAPER, PAPER_HELD, HELD, HELD_SMALL, FRICTION, CONSTANT)
 
