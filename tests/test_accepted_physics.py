@@ -22,7 +22,7 @@ from pido.equations.moments import Moments
 from pido.equations.terms import HELD, PAPER
 from pido.files import equations as equation_files
 from pido.iteration import Recipe, physics, refit
-from pido.physics_journal import journal
+from pido.physics_journal import journal, outcome
 from pido.recordings.folder import write_folder
 from pido.sampling.method import PAPER_METHOD
 from pido.supervision.part import Expectation
@@ -167,13 +167,22 @@ def test_a_state_is_known_by_the_physics_in_force(tmp_path):
     before = place.run_key(MACHINE.id, ["p"])
     entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
     with_it = place.run_key(MACHINE.id, ["p"])
-    same = accepted.accept(place, MACHINE.id, tmp_path / "d", 1, by="B", reason="again")
     accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="guideway replaced")
-    assert same == entry
     assert with_it != before == place.run_key(MACHINE.id, ["p"])
     assert place.run_key("another", ["p"]) != before
     assert [(e.version, e.action) for e in journal(place, MACHINE.id)] == [(1, "accept"), (2, "revoke")]
     assert accepted.terms(place, MACHINE) == ()
+
+
+def test_the_same_finding_is_not_accepted_twice_and_the_refusal_writes_nothing(tmp_path):
+    place, folder = Workspace.open(tmp_path / "plant"), diagnosis(tmp_path / "d")
+    entry = accepted.accept(place, MACHINE.id, folder, 1, by="A. Ito", reason="seen")
+    written = place.physics_journal(MACHINE.id).read_bytes()
+    with pytest.raises(DiagnosisError, match=rf"in force already, as {entry.id}: .* by A\. Ito on {entry.at[:10]}"):
+        accepted.accept(place, MACHINE.id, folder, 1, by="B", reason="again")
+    assert place.physics_journal(MACHINE.id).read_bytes() == written
+    accepted.revoke(place, MACHINE.id, entry.id, by="A. Ito", reason="an exercise")
+    assert accepted.accept(place, MACHINE.id, folder, 1, by="B", reason="after all").id == entry.id
 
 
 @pytest.mark.parametrize("change", ["edit", "remove", "remove the last", "swap", "remove all"])
@@ -235,6 +244,22 @@ def test_what_was_found_on_one_machine_does_not_extend_the_equation_of_another(t
     accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d", machine=MACHINE.id), 1, by="A", reason="seen")
 
 
+def test_what_a_page_offers_is_what_is_accepted_and_the_rest_has_its_reason(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    for k, mechanism in enumerate(("stribeck_friction", "inertia", "backlash", "thermal_drift", "sensor_gain")):
+        kind = "data_fault" if mechanism == "sensor_gain" else "missing_physics"
+        folder = diagnosis(tmp_path / str(k), mechanism, kind, {} if k else None, axis="y")
+        model = json.loads((folder / "model.json").read_text())
+        offered = accepted.offers([("y", mechanism, kind)], model)
+        assert [name for name, _ in offered] == [f"y:{mechanism}"] * (kind != "data_fault")
+        if [why for _, why in offered] == [""]:
+            assert accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen").mechanism == mechanism
+            continue
+        with pytest.raises(DiagnosisError, match=re.escape(offered[0][1]) if offered else "fault of the data"):
+            accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    assert [e.mechanism for e in journal(place, MACHINE.id)] == ["stribeck_friction"]
+
+
 def test_a_law_that_stands_on_an_axis_twice_is_not_accepted_by_chance(tmp_path):
     place, folder = Workspace.open(tmp_path / "plant"), diagnosis(tmp_path / "d")
     model = json.loads((folder / "model.json").read_text())
@@ -281,6 +306,11 @@ def test_what_accepted_physics_brings_is_said_in_words_and_that_it_loses_too(tmp
     found = physics(choice, [term])
     assert found["held_out"] == {"x": {"without": 0.0782, "with": error}}
     (words,) = found["words"]
+    stands = outcome(entry, 7, found)  # `pido status` tells the same
+    assert ("does without it" in stands) == ("does without" in words)
+    assert ("x stribeck_friction extends the equation of version 7" in stands) == (error < 0.07)
+    assert f"{error:.3g} A with it, 0.0782 A without" in stands
+    assert "next iteration" in outcome(entry, 7, physics(choice, []))
     assert re.search(f"x stribeck_friction {entry.id}.*{says}", words)
     assert ("the equation chosen does without" in words) == (error > 0.07)
 
@@ -288,6 +318,7 @@ def test_what_accepted_physics_brings_is_said_in_words_and_that_it_loses_too(tmp
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::ResourceWarning")
 def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_brought(tmp_path):
     from pido.cli.iterate import command
+    from pido.cli.status import command as status
 
     (tmp_path / "plant").mkdir()
     (tmp_path / "plant" / "workspace.toml").write_text("compare = false\n[method]\ncompare_with_model = false\n")
@@ -302,6 +333,9 @@ def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_bro
     assert [run.data.tags["pido.physics"] for run in runs] == ["none", f"x stribeck_friction {entry.id}"]
     line = f"Accepted physics of x stribeck_friction {entry.id}: on rows held out"
     assert line in shown.output
+    stands = CliRunner().invoke(status, ["--workspace", str(place.root)]).output
+    assert ("equation of version 1 does without it" in stands) == ("chosen does without" in shown.output)
+    assert ("extends the equation of version 1" in stands) == ("chosen does without" not in shown.output)
     assert [line in run.data.tags["mlflow.note.content"] for run in runs] == [False, True]
     assert {"accepted_physics_x/with", "accepted_physics_x/without"} <= set(runs[1].data.metrics)
     assert not any(name.startswith("accepted_physics_y") for name in runs[1].data.metrics)
