@@ -71,6 +71,7 @@ class AcceptedTerm:
 
     axis : whose equation it extends; bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
     reach : per column, what the machine can reach of it
+    found : per column, A at that reach: the amplitude that it was found with
     """
 
     name: str
@@ -78,6 +79,7 @@ class AcceptedTerm:
     term: Term
     bands: tuple[float, ...]
     reach: tuple[float, ...] = (1.0,)
+    found: tuple[float, ...] = (0.0,)
 
     def columns(self, samples: Samples) -> Float2D:
         """(n, k): what the finding's amplitudes multiply, over the machine's reach; the fit finds these anew."""
@@ -183,7 +185,10 @@ def as_term(name: str, axis: str, term: Mapping[str, Any], machine: Machine) -> 
     model = axis_models({"axes": {axis: alone}})[axis]
     read = replace(model.terms[0], lag=0.0)  # rows of samples do not follow one another
     everywhere = AcceptedTerm(name, axis, replace(read, gates=()), bands)  # a box has no part in how large it can be
-    return replace(everywhere, term=read, reach=tuple(reach(everywhere, machine))), len(model.amplitudes[0])
+    most = reach(everywhere, machine)
+    # what the user's simulation has in another size is known as the difference to that, of which rows know nothing
+    known = model.amplitudes[0] * most * (read.name == read.mechanism.id)
+    return replace(everywhere, term=read, reach=tuple(most), found=tuple(known)), len(most)
 
 
 def term_sets(accepted: Sequence[tuple[AcceptedTerm, int]], adaptive: bool) -> tuple[TermSet, ...]:

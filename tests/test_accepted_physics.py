@@ -17,9 +17,11 @@ from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.samples import Samples
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.equations.choose import EVERYWHERE, Candidate, Choice, candidates, choose
-from pido.equations.fit import fit_global, fit_global_from
+from pido.equations.fit import fit_global, fit_global_from, fit_local
 from pido.equations.moments import Moments
 from pido.equations.terms import HELD, PAPER
+from pido.feature_space.density import relevant_bins
+from pido.feature_space.grid import EQUATION_GRID
 from pido.files import equations as equation_files
 from pido.iteration import Recipe, physics, refit
 from pido.physics_journal import journal, outcome
@@ -87,21 +89,42 @@ def test_true_physics_makes_no_equation_worse_whichever_of_the_shipped_ones_the_
     assert own[0][0] in choice.near[0].terms.extras
 
 
-def test_a_law_whose_numbers_are_large_is_fitted_beside_small_ones(tmp_path):
-    place = Workspace.open(tmp_path / "plant")
-    folder = diagnosis(tmp_path / "d", "spindle_windage", shape={}, axis="sp")
-    accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+def test_a_law_whose_numbers_are_large_is_fitted_beside_small_ones():
+    found = {**term_of("spindle_windage", {}), "amplitudes": [1e-9]}
+    term, size = accepted.as_term("sp windage", "sp", found, MACHINE)
     samples = rows(600)
     speed = np.linspace(0.0, MACHINE.spindle_max_deg_s, len(samples))
     samples.inputs[:, INPUTS.index("v_sp")] = speed
     samples.direction[:, 3] = 1.0
     samples.currents[:, 3] += 2e-9 * speed**2  # 4.6 A at 48 000 deg/s
-    ((term, size),) = accepted.terms(place, MACHINE)
     extended = HELD.extended(term, size)
     moments = Moments(extended, MACHINE)
     moments.add(samples)
     for fitted in (fit_global(samples, MACHINE, extended), fit_global_from(moments)):
         assert fitted.coefficients[3, -1] / term.reach[0] == pytest.approx(2e-9, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["friction_asymmetry", "miscalibrated:friction_asymmetry"])
+def test_where_no_row_shows_it_a_finding_has_the_size_at_which_it_was_found(name):
+    side = {"side": 2.0, "back": 0.0, "rest": 0.0, "v_0": 0.1}
+    term, size = accepted.as_term("x friction", "x", term_of(name, side, 2), MACHINE)  # 0.3 A and 0.3 A/(mm/s)
+    extended = HELD.extended(term, size)
+    samples, unseen = rows(600), rows(600, seed=1)
+    forth, back = samples.take(samples.inputs[:, 0] > 0), unseen.take(unseen.inputs[:, 0] < 0)
+    moments = Moments(extended, MACHINE)
+    moments.add(forth)
+    bins = relevant_bins(np.vstack([forth.reduced, back.reduced]), EQUATION_GRID)
+    missing = 0.3 + 0.3 * np.abs(back.inputs[:, 0]) if name == "friction_asymmetry" else 0.0
+    one, each = (fit_global(forth, MACHINE, HELD), fit_local(forth, bins, MACHINE, terms=HELD))
+    for without, fitted in (
+        (one, fit_global(forth, MACHINE, extended)),
+        (one, fit_global_from(moments)),
+        (each, fit_local(forth, bins, MACHINE, terms=extended)),
+    ):
+        np.testing.assert_allclose(fitted.predict(forth), without.predict(forth), atol=1e-6)
+        change = fitted.predict(back) - without.predict(back)
+        np.testing.assert_allclose(change[:, 0], -missing, atol=1e-6)
+        np.testing.assert_allclose(change[:, 1:], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in accepted.INSTANT], ids=lambda m: m.id)

@@ -36,6 +36,11 @@ class ExtraTerm(Protocol):
     @property
     def axis(self) -> str: ...
 
+    @property
+    def found(self) -> tuple[float, ...]:
+        """(k,), A at full reach: the size at which it was found, which holds where samples say nothing of it."""
+        ...
+
     def columns(self, samples: Samples) -> Float2D: ...
 
 
@@ -74,6 +79,12 @@ class TermSet:
     def scale(self, machine: Machine) -> Float1D:
         """(p,): what each column is divided by; 1 for extra terms, which come so already."""
         return np.r_[self._ranges(machine), np.ones(sum(self.extra_sizes))]
+
+    @property
+    def prior(self) -> Float1D:
+        """(p,), A at full range: what coefficients are where samples say nothing of them."""
+        found = [np.asarray(term.found, float) for term in self.extras]
+        return np.concatenate([np.zeros(len(self) - sum(self.extra_sizes)), *found])
 
     def own(self, axis: str) -> Bool1D:
         """(p,): columns of the equation of `axis`. What was found on one axis is no part of another's equation."""
