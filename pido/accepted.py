@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pido import config
 from pido.core.arrays import Float2D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.clock import utc_now
@@ -27,8 +28,8 @@ from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.machining import Machine
 from pido.core.samples import Samples
-from pido.equations.span import made_of
-from pido.equations.terms import HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
+from pido.equations.span import made_of, reach
+from pido.equations.terms import ADAPTIVE, HELD, PAPER, TermSet
 from pido.physics_journal import Entry, in_force, journal, write
 from pido.tracking.promotion import check_person
 from pido.workspace import Workspace
@@ -69,27 +70,32 @@ class AcceptedTerm:
     """A finding as a term of the equation (`pido.equations.terms.ExtraTerm`).
 
     axis : whose equation it extends; bands : per axis in the order of AXES, mm/s (deg/s): below, an axis stands still
+    reach : per column, what the machine can reach of it
+    found : per column, A at that reach: the amplitude that it was found with
     """
 
     name: str
     axis: str
     term: Term
     bands: tuple[float, ...]
+    reach: tuple[float, ...] = (1.0,)
+    found: tuple[float, ...] = (0.0,)
 
     def columns(self, samples: Samples) -> Float2D:
-        """(n, k), A per unit of the finding's amplitudes; the fit finds these anew."""
-        return self.term.of_part(_state(samples, self.axis, self.bands)).T
+        """(n, k): what the finding's amplitudes multiply, over the machine's reach; the fit finds these anew."""
+        return self.term.of_part(_state(samples, self.axis, self.bands)).T / np.asarray(self.reach)
 
 
 def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int, *, by: str, reason: str) -> Entry:
-    """Accept a finding. What is in force already stays as it is.
+    """Accept a finding, for the iterations that follow.
 
     finding : its name ('x:stribeck_friction'), or its number from 1, as in diagnosis.json; by number not where the next
         parts' diagnosis takes the place of the one that was read
 
     Raises DiagnosisError for a finding that is not there or cannot extend an equation, for physics that the equation
-    has already, of itself or by what is in force, and for a diagnosis of another machine; RegistryError without a name
-    and a reason, or without the credential that approval asks for: it decides what the next models learn from.
+    has already, of itself or by what is in force (the same finding too), and for a diagnosis of another machine;
+    RegistryError without a name and a reason, or without the credential that approval asks for: it decides what the
+    next models learn from.
     """
     check_person(workspace, by, reason)
     if isinstance(finding, int) and folder.resolve().parent == workspace.diagnosis(machine).resolve().parent:
@@ -101,9 +107,6 @@ def accept(workspace: Workspace, machine: str, folder: Path, finding: str | int,
     id = hashlib.sha256(json.dumps([about["axis"], term], sort_keys=True).encode()).hexdigest()[:8]
     with workspace.lock(machine):
         entries = journal(workspace, machine)
-        there = next((e for e in in_force(entries) if e.id == id), None)
-        if there is not None:
-            return there
         _not_there_yet(workspace, machine, about, term)
         entry = Entry(
             len(entries) + 1, "accept", id, about["axis"], about["mechanism"], by, reason, utc_now(), term,
@@ -120,6 +123,26 @@ def acceptable(workspace: Workspace, machine: str, folder: Path) -> list[str]:
     """
     names = dict.fromkeys(name_of(finding) for finding in _findings(folder))
     return [name for name in names if not _refusal(workspace, machine, folder, name)]
+
+
+def offers(
+    findings: Iterable[tuple[str, str, str]], model: Mapping[str, Any], machine: Machine | None = None
+) -> list[tuple[str, str]]:
+    """Findings as (axis, mechanism, kind), each by the name by which it would be accepted, and why it would not be, ''
+    where it would: as far as a diagnosis says it, for a workspace that has accepted nothing yet. Faults of the data
+    are left out.
+
+    machine : whose equation; None: a usual one, which has the same terms
+    """
+    known = machine or config.machine(config.shipped("machines")[0])
+    result = []
+    for axis, mechanism, kind in dict.fromkeys(findings):
+        about = {"axis": axis, "mechanism": mechanism, "kind": kind}
+        own = _terms_of(about, model)
+        if kind != "data_fault":
+            why = _no_row_has_it(own) or _made_already(about, own[0], HELD, known)
+            result.append((name_of(about), why))
+    return result
 
 
 def _refusal(workspace: Workspace, machine: str, folder: Path, finding: str) -> str:
@@ -161,14 +184,18 @@ def as_term(name: str, axis: str, term: Mapping[str, Any], machine: Machine) -> 
     alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
     model = axis_models({"axes": {axis: alone}})[axis]
     read = replace(model.terms[0], lag=0.0)  # rows of samples do not follow one another
-    return AcceptedTerm(name, axis, read, bands), len(model.amplitudes[0])
+    everywhere = AcceptedTerm(name, axis, replace(read, gates=()), bands)  # a box has no part in how large it can be
+    most = reach(everywhere, machine)
+    # what the user's simulation has in another size is known as the difference to that, of which rows know nothing
+    known = model.amplitudes[0] * most * (read.name == read.mechanism.id)
+    return replace(everywhere, term=read, reach=tuple(most), found=tuple(known)), len(most)
 
 
 def term_sets(accepted: Sequence[tuple[AcceptedTerm, int]], adaptive: bool) -> tuple[TermSet, ...]:
     """The shipped equations (as printed: the paper's alone), each with all accepted physics in it."""
     if not accepted:
         return ()
-    sets = (HELD_SMALL, HELD, PAPER_HELD) if adaptive else (PAPER,)
+    sets = ADAPTIVE if adaptive else (PAPER,)
     for term, size in accepted:
         sets = tuple(s.extended(term, size) for s in sets)
     return sets
@@ -216,20 +243,45 @@ def _finding(folder: Path, which: str | int, machine: str) -> tuple[dict[str, An
             f"{path}: a diagnosis of the pair {model['pair']}, not of the currents that the equation is about."
         )
     axis_models(model)  # what this version does not know is said here, not in the next iteration
-    own = [t for t in model["axes"][about["axis"]]["terms"] if t["name"] == about["mechanism"]]
+    own = _terms_of(about, model)
+    why = _no_row_has_it(own)
+    if why:
+        raise DiagnosisError(f"{path}: {name} {why}")
+    return own[0], about, hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
+
+
+def _terms_of(about: Mapping[str, Any], model: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The terms of model.json that a finding is."""
+    terms = model.get("axes", {}).get(about["axis"], {}).get("terms", [])
+    return [t for t in terms if t["name"] == about["mechanism"]]
+
+
+def _no_row_has_it(own: Sequence[Mapping[str, Any]]) -> str:
+    """Why the terms of a finding are no term of an equation over rows, '' where they are one."""
     id = own[0]["mechanism"]["id"] if own else ""
     if id not in INSTANT:
         needs = NEEDS.get(id, "more than one row says (a place, a time, what was before)")
-        raise DiagnosisError(
-            f"{path}: {name} cannot extend the equation: it follows from {needs}, and a generated row has nothing but "
-            "the 13 inputs and the direction of motion. Apply it as a correction: pido correct."
+        return (
+            f"cannot extend the equation: it follows from {needs}, and a generated row has nothing but the 13 inputs "
+            "and the direction of motion. Apply it as a correction: pido correct."
         )
     if len(own) > 1:
-        raise DiagnosisError(
-            f"{path}: {name} stands there {len(own)} times, and nothing says which of them is meant. Apply all of them "
-            "as a correction: pido correct."
+        return (
+            f"stands there {len(own)} times, and nothing says which of them is meant. Apply all of them as a "
+            "correction: pido correct."
         )
-    return own[0], about, hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
+    return ""
+
+
+def _made_already(about: Mapping[str, Any], term: Mapping[str, Any], equation: TermSet, machine: Machine) -> str:
+    """Why there is nothing to accept, where the equation has the term by those that it is made of; else ''."""
+    made = made_of(as_term(name_of(about), about["axis"], term, machine)[0], equation, machine)
+    if not made:
+        return ""
+    return (
+        f"is in the equation already, by {', '.join(made)}. Each iteration fits its size anew: there is nothing to "
+        "accept. Where your own simulation has it wrong, correct that: pido correct."
+    )
 
 
 def _not_there_yet(workspace: Workspace, machine: str, about: Mapping[str, Any], term: Mapping[str, Any]) -> None:
@@ -240,6 +292,11 @@ def _not_there_yet(workspace: Workspace, machine: str, about: Mapping[str, Any],
     name = f"{axis} {about['mechanism']}"
     now = [e for e in in_force(journal(workspace, machine)) if e.axis == axis]
     twin = next((e for e in now if _law(e.term) == _law(term)), None)
+    if twin is not None and twin.term == term:
+        raise DiagnosisError(
+            f"machine '{machine}': {name} is in force already, as {twin.id}: this very finding was accepted by "
+            f"{twin.by} on {twin.at[:10]}. Nothing was changed."
+        )
     if twin is not None:
         raise DiagnosisError(
             f"machine '{machine}': {name} is in force already, as {twin.id} ({twin.equation}), and the same physics "
@@ -250,12 +307,9 @@ def _not_there_yet(workspace: Workspace, machine: str, about: Mapping[str, Any],
     equation = HELD if workspace.settings.method.adaptive else PAPER
     for own, size in terms(workspace, known):
         equation = equation.extended(own, size) if own.axis == axis else equation
-    made = made_of(as_term(name, axis, term, known)[0], equation, known)
-    if made:
-        raise DiagnosisError(
-            f"machine '{machine}': {name} is in the equation already, by {', '.join(made)}. Each iteration fits its "
-            "size anew: there is nothing to accept. Where your own simulation has it wrong, correct that: pido correct."
-        )
+    why = _made_already(about, term, equation, known)
+    if why:
+        raise DiagnosisError(f"machine '{machine}': {name} {why}")
 
 
 def _law(term: Mapping[str, Any]) -> tuple[str, float, str]:

@@ -363,7 +363,11 @@ def _shipped(name: str) -> dict[str, Any]:
 def _named(model: type[Model], kind: str, name: str, known: dict[str, Any], own: Path | None) -> Model:
     tables = {**known, **(read_toml(own) if own else {})}
     if name not in tables:
-        raise SettingsError(
-            f"{kind} '{name}' is not known. Known: {', '.join(sorted(tables))}. Define it in a TOML file."
-        )
+        define = f"Define it in {own}."
+        if own is None:
+            define = (
+                f"Define it in a TOML file (docs/extending.md), and name that file in the workspace's workspace.toml: "
+                f'{kind}s_file = "{kind}s.toml"; or in a job file: {kind}s = "{kind}s.toml".'
+            )
+        raise SettingsError(f"{kind} '{name}' is not known. Known: {', '.join(sorted(tables))}. {define}")
     return parse(model, tables[name], f"{kind} '{name}'")

@@ -240,15 +240,19 @@ def words(adaptation: Adaptation) -> dict[str, str]:
 
 
 def physics(choice: Choice, accepted: Sequence[ExtraTerm]) -> dict[str, Any]:
-    """Accepted physics in force, and what it did: its names; per axis that it is of, the held-out RMSE in A of the best
-    equation without and with it; and the same in words, which say also that it made the equation worse."""
+    """Accepted physics in force, and what it did: its names, and those that are in the chosen equation; per axis that
+    it is of, the held-out RMSE in A of the best equation without and with it; and the same in words, which say also
+    that it made the equation worse."""
     held_out: dict[str, dict[str, float]] = {}
-    said = []
+    said, used = [], []
     for i, axis in enumerate(AXES):
         own = [term.name for term in accepted if term.axis == axis]
         if not own:
             continue
         about = f"Accepted physics of {', '.join(own)}"
+        in_it = [term.name for each in (choice.near[i], choice.beyond[i]) for term in each.terms.extras]
+        chosen = [name for name in own if name in in_it]
+        used += chosen
         with_it = np.array([any(f"+{name}" in tried for name in own) for tried in choice.tried], bool)
         near = choice.scores[0, :, i]
         if not (np.isfinite(near[with_it]).any() and np.isfinite(near[~with_it]).any()):
@@ -257,14 +261,14 @@ def physics(choice: Choice, accepted: Sequence[ExtraTerm]) -> dict[str, Any]:
         one = held_out[axis] = {"without": float(np.nanmin(near[~with_it])), "with": float(np.nanmin(near[with_it]))}
         change = one["with"] / max(one["without"], 1e-300) - 1
         does = "makes the equation worse" if change > 0.01 else "changes little" if change > -0.01 else "helps"
-        chosen = any(term.name in own for each in (choice.near[i], choice.beyond[i]) for term in each.terms.extras)
         said.append(
             f"{about}: on rows held out the equation is off by {one['with']:.3g} A with it and by "
             f"{one['without']:.3g} A without: it {does} ({change:+.1%})"
             f"{'' if chosen else ', and the equation chosen does without'}."
             + (" `pido accept-physics --revoke ID` takes it out." if change > 0.01 else "")
         )
-    return {"accepted": sorted(term.name for term in accepted), "held_out": held_out, "words": said}
+    accepted_names = sorted(term.name for term in accepted)
+    return {"accepted": accepted_names, "in_equation": sorted(used), "held_out": held_out, "words": said}
 
 
 def rivals(path: Samples, before: Samples) -> dict[str, Float2D]:

@@ -1,14 +1,14 @@
 """The journal of accepted physics: every acceptance and revocation of a finding, one JSON line each.
 
 In:  a workspace and a machine.
-Out: entries, and which of them are in force. What a term is, `pido.accepted` knows. The journal is sealed as the audit
-log is (`pido.tracking.seal`).
+Out: entries, which of them are in force, and what the last iteration did with one. What a term is, `pido.accepted`
+knows. The journal is sealed as the audit log is (`pido.tracking.seal`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -56,6 +56,20 @@ def in_force(entries: Sequence[Entry]) -> list[Entry]:
     """What was accepted and not revoked since, oldest first."""
     last = {e.id: e for e in entries}
     return sorted((e for e in last.values() if e.action == "accept"), key=lambda e: e.version)
+
+
+def outcome(entry: Entry, version: int, physics: Mapping[str, Any]) -> str:
+    """What the iteration that made a version did with a finding in force. physics : as that iteration says it"""
+    name = f"{entry.axis} {entry.mechanism}"
+    if entry.term_name not in physics.get("accepted", []):
+        return f"{name} is accepted; the next iteration tries it"
+    error = physics.get("held_out", {}).get(entry.axis)
+    held_out = f": {error['with']:.3g} A with it, {error['without']:.3g} A without, on rows held out" if error else ""
+    if "in_equation" not in physics:  # an older version of the tool does not say
+        return f"{name} is accepted, and was tried for version {version}{held_out}"
+    if entry.term_name in physics["in_equation"]:
+        return f"{name} extends the equation of version {version}{held_out}"
+    return f"{name} is accepted, but the equation of version {version} does without it{held_out}"
 
 
 def write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:

@@ -16,12 +16,15 @@ from pido.core.columns import INPUTS
 from pido.core.errors import DiagnosisError, RegistryError
 from pido.core.samples import Samples
 from pido.diagnosis.mechanisms import CATALOGUE
-from pido.equations.choose import EVERYWHERE, Candidate, Choice
-from pido.equations.fit import fit_global
+from pido.equations.choose import EVERYWHERE, Candidate, Choice, candidates, choose
+from pido.equations.fit import fit_global, fit_global_from, fit_local
+from pido.equations.moments import Moments
 from pido.equations.terms import HELD, PAPER
+from pido.feature_space.density import relevant_bins
+from pido.feature_space.grid import EQUATION_GRID
 from pido.files import equations as equation_files
 from pido.iteration import Recipe, physics, refit
-from pido.physics_journal import journal
+from pido.physics_journal import journal, outcome
 from pido.recordings.folder import write_folder
 from pido.sampling.method import PAPER_METHOD
 from pido.supervision.part import Expectation
@@ -67,6 +70,61 @@ def test_the_next_iteration_chooses_the_extended_equation_and_its_file_reads_bac
     assert found.choice.near[1:] == refit(rows(600), MACHINE, plainly, 0).choice.near[1:]
     again = equation_files.load(equation_files.dump(found), MACHINE, own)
     assert again.choice.near == found.choice.near
+
+
+def test_true_physics_makes_no_equation_worse_whichever_of_the_shipped_ones_the_axis_needs(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    side = {"side": 2.0, "back": 0.0, "rest": 3.0, "v_0": 3.0}
+    folder = diagnosis(tmp_path / "d", "friction_asymmetry", shape=side, amplitudes=2)
+    accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    own = accepted.terms(place, MACHINE)
+    samples = rows(1000)
+    v = samples.inputs[:, 0]
+    friction = 0.5 - 0.5 * np.exp(-(v**2))  # goes to zero with the speed, for which only the richest equation has terms
+    asymmetry = 0.3 * np.tanh(np.minimum(v, 0.0) / 3.0)
+    samples.currents[:, 0] = friction * np.sign(v) + asymmetry + np.random.default_rng(1).normal(0, 0.01, len(v))
+    choice = choose(samples, MACHINE, candidates(*accepted.term_sets(own, adaptive=True)))
+    found = physics(choice, [term for term, _ in own])["held_out"]["x"]
+    assert found["with"] < 0.9 * found["without"]
+    assert own[0][0] in choice.near[0].terms.extras
+
+
+def test_a_law_whose_numbers_are_large_is_fitted_beside_small_ones():
+    found = {**term_of("spindle_windage", {}), "amplitudes": [1e-9]}
+    term, size = accepted.as_term("sp windage", "sp", found, MACHINE)
+    samples = rows(600)
+    speed = np.linspace(0.0, MACHINE.spindle_max_deg_s, len(samples))
+    samples.inputs[:, INPUTS.index("v_sp")] = speed
+    samples.direction[:, 3] = 1.0
+    samples.currents[:, 3] += 2e-9 * speed**2  # 4.6 A at 48 000 deg/s
+    extended = HELD.extended(term, size)
+    moments = Moments(extended, MACHINE)
+    moments.add(samples)
+    for fitted in (fit_global(samples, MACHINE, extended), fit_global_from(moments)):
+        assert fitted.coefficients[3, -1] / term.reach[0] == pytest.approx(2e-9, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["friction_asymmetry", "miscalibrated:friction_asymmetry"])
+def test_where_no_row_shows_it_a_finding_has_the_size_at_which_it_was_found(name):
+    side = {"side": 2.0, "back": 0.0, "rest": 0.0, "v_0": 0.1}
+    term, size = accepted.as_term("x friction", "x", term_of(name, side, 2), MACHINE)  # 0.3 A and 0.3 A/(mm/s)
+    extended = HELD.extended(term, size)
+    samples, unseen = rows(600), rows(600, seed=1)
+    forth, back = samples.take(samples.inputs[:, 0] > 0), unseen.take(unseen.inputs[:, 0] < 0)
+    moments = Moments(extended, MACHINE)
+    moments.add(forth)
+    bins = relevant_bins(np.vstack([forth.reduced, back.reduced]), EQUATION_GRID)
+    missing = 0.3 + 0.3 * np.abs(back.inputs[:, 0]) if name == "friction_asymmetry" else 0.0
+    one, each = (fit_global(forth, MACHINE, HELD), fit_local(forth, bins, MACHINE, terms=HELD))
+    for without, fitted in (
+        (one, fit_global(forth, MACHINE, extended)),
+        (one, fit_global_from(moments)),
+        (each, fit_local(forth, bins, MACHINE, terms=extended)),
+    ):
+        np.testing.assert_allclose(fitted.predict(forth), without.predict(forth), atol=1e-6)
+        change = fitted.predict(back) - without.predict(back)
+        np.testing.assert_allclose(change[:, 0], -missing, atol=1e-6)
+        np.testing.assert_allclose(change[:, 1:], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("mechanism", [m for m in CATALOGUE if m.id in accepted.INSTANT], ids=lambda m: m.id)
@@ -132,13 +190,22 @@ def test_a_state_is_known_by_the_physics_in_force(tmp_path):
     before = place.run_key(MACHINE.id, ["p"])
     entry = accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d"), 1, by="A", reason="seen")
     with_it = place.run_key(MACHINE.id, ["p"])
-    same = accepted.accept(place, MACHINE.id, tmp_path / "d", 1, by="B", reason="again")
     accepted.revoke(place, MACHINE.id, entry.id, by="A", reason="guideway replaced")
-    assert same == entry
     assert with_it != before == place.run_key(MACHINE.id, ["p"])
     assert place.run_key("another", ["p"]) != before
     assert [(e.version, e.action) for e in journal(place, MACHINE.id)] == [(1, "accept"), (2, "revoke")]
     assert accepted.terms(place, MACHINE) == ()
+
+
+def test_the_same_finding_is_not_accepted_twice_and_the_refusal_writes_nothing(tmp_path):
+    place, folder = Workspace.open(tmp_path / "plant"), diagnosis(tmp_path / "d")
+    entry = accepted.accept(place, MACHINE.id, folder, 1, by="A. Ito", reason="seen")
+    written = place.physics_journal(MACHINE.id).read_bytes()
+    with pytest.raises(DiagnosisError, match=rf"in force already, as {entry.id}: .* by A\. Ito on {entry.at[:10]}"):
+        accepted.accept(place, MACHINE.id, folder, 1, by="B", reason="again")
+    assert place.physics_journal(MACHINE.id).read_bytes() == written
+    accepted.revoke(place, MACHINE.id, entry.id, by="A. Ito", reason="an exercise")
+    assert accepted.accept(place, MACHINE.id, folder, 1, by="B", reason="after all").id == entry.id
 
 
 @pytest.mark.parametrize("change", ["edit", "remove", "remove the last", "swap", "remove all"])
@@ -200,6 +267,22 @@ def test_what_was_found_on_one_machine_does_not_extend_the_equation_of_another(t
     accepted.accept(place, MACHINE.id, diagnosis(tmp_path / "d", machine=MACHINE.id), 1, by="A", reason="seen")
 
 
+def test_what_a_page_offers_is_what_is_accepted_and_the_rest_has_its_reason(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    for k, mechanism in enumerate(("stribeck_friction", "inertia", "backlash", "thermal_drift", "sensor_gain")):
+        kind = "data_fault" if mechanism == "sensor_gain" else "missing_physics"
+        folder = diagnosis(tmp_path / str(k), mechanism, kind, {} if k else None, axis="y")
+        model = json.loads((folder / "model.json").read_text())
+        offered = accepted.offers([("y", mechanism, kind)], model)
+        assert [name for name, _ in offered] == [f"y:{mechanism}"] * (kind != "data_fault")
+        if [why for _, why in offered] == [""]:
+            assert accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen").mechanism == mechanism
+            continue
+        with pytest.raises(DiagnosisError, match=re.escape(offered[0][1]) if offered else "fault of the data"):
+            accepted.accept(place, MACHINE.id, folder, 1, by="A", reason="seen")
+    assert [e.mechanism for e in journal(place, MACHINE.id)] == ["stribeck_friction"]
+
+
 def test_a_law_that_stands_on_an_axis_twice_is_not_accepted_by_chance(tmp_path):
     place, folder = Workspace.open(tmp_path / "plant"), diagnosis(tmp_path / "d")
     model = json.loads((folder / "model.json").read_text())
@@ -246,6 +329,11 @@ def test_what_accepted_physics_brings_is_said_in_words_and_that_it_loses_too(tmp
     found = physics(choice, [term])
     assert found["held_out"] == {"x": {"without": 0.0782, "with": error}}
     (words,) = found["words"]
+    stands = outcome(entry, 7, found)  # `pido status` tells the same
+    assert ("does without it" in stands) == ("does without" in words)
+    assert ("x stribeck_friction extends the equation of version 7" in stands) == (error < 0.07)
+    assert f"{error:.3g} A with it, 0.0782 A without" in stands
+    assert "next iteration" in outcome(entry, 7, physics(choice, []))
     assert re.search(f"x stribeck_friction {entry.id}.*{says}", words)
     assert ("the equation chosen does without" in words) == (error > 0.07)
 
@@ -253,6 +341,7 @@ def test_what_accepted_physics_brings_is_said_in_words_and_that_it_loses_too(tmp
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::ResourceWarning")
 def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_brought(tmp_path):
     from pido.cli.iterate import command
+    from pido.cli.status import command as status
 
     (tmp_path / "plant").mkdir()
     (tmp_path / "plant" / "workspace.toml").write_text("compare = false\n[method]\ncompare_with_model = false\n")
@@ -267,6 +356,9 @@ def test_a_run_says_with_which_accepted_physics_it_was_trained_and_what_that_bro
     assert [run.data.tags["pido.physics"] for run in runs] == ["none", f"x stribeck_friction {entry.id}"]
     line = f"Accepted physics of x stribeck_friction {entry.id}: on rows held out"
     assert line in shown.output
+    stands = CliRunner().invoke(status, ["--workspace", str(place.root)]).output
+    assert ("equation of version 1 does without it" in stands) == ("chosen does without" in shown.output)
+    assert ("extends the equation of version 1" in stands) == ("chosen does without" not in shown.output)
     assert [line in run.data.tags["mlflow.note.content"] for run in runs] == [False, True]
     assert {"accepted_physics_x/with", "accepted_physics_x/without"} <= set(runs[1].data.metrics)
     assert not any(name.startswith("accepted_physics_y") for name in runs[1].data.metrics)

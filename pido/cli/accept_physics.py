@@ -31,8 +31,12 @@ def command(
 
     DIAGNOSIS is the folder that `pido diagnose --out` wrote, or a workspace's diagnosis/MACHINE.
 
-    Refused is what the equation has already: a term of its own, whose size each iteration fits, or the same mechanism
-    on the same axis, until that is revoked.
+    Refused, with exit code 1, is what the equation has already: a term of its own (inertia, Coulomb and viscous
+    friction of the axis), whose size each iteration fits, or the same mechanism on the same axis, also the same finding
+    again, until that is revoked. Refused is also what follows from more than a generated row has, and that is nothing
+    but the 13 inputs and the direction of motion: a place along the travel, a time, what was before, an effect without
+    a name. Apply that to parts by `pido correct`. The diagnosis' report.html offers what can be accepted, and says why
+    the rest cannot.
 
     Every acceptance and revocation is a line of the workspace's journal. `pido iterate` without parts retrains at once,
     and says what the extended equation gained or lost on rows left out; the run in MLflow says so too.

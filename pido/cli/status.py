@@ -26,7 +26,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
 
     from pido.backlog import standing
     from pido.core.clock import utc
-    from pido.physics_journal import in_force, journal
+    from pido.physics_journal import in_force, journal, outcome
     from pido.tracking import promotion
     from pido.tracking.ledger import Ledger
     from pido.tracking.moved import left_behind
@@ -35,6 +35,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     ledger = Ledger(workspace.ledger)
     now = {machine: promotion.champion(workspace, machine) for machine in ledger.machines()}
     physics = {machine: journal(workspace, machine) for machine in ledger.machines()}
+    last = {machine: (done[-1].version, done[-1].summary.get("physics", {})) if done else (0, {})
+            for machine in ledger.machines() for done in [ledger.iterations(machine)]}  # fmt: skip
     answer = {
         "machines": {
             machine: {
@@ -43,7 +45,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                     {**asdict(s.version), "state": s.state, "judged_again": promotion.outdated(s.version, now[machine])}
                     for s in promotion.standings(workspace, machine)
                 ],
-                "physics": [asdict(e) for e in in_force(physics[machine])],
+                "physics": [{**asdict(e), "outcome": outcome(e, *last[machine])} for e in in_force(physics[machine])],
                 "physics_decisions": [asdict(e) for e in physics[machine]],
                 "decisions": [asdict(r) for r in promotion.history(workspace, machine)],
             }
@@ -77,8 +79,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                         "               not compared with the champion in force: approving judges it again first"
                     )
         for e in state["physics"]:
-            about = f"{e['axis']} {e['mechanism']} extends the equation"
-            click.echo(f"  physics {e['id']}  {about} ({e['by']}: {e['reason']})")
+            click.echo(f"  physics {e['id']}  {e['outcome']} ({e['by']}: {e['reason']})")
         if history:
             decided = [(r["at"], f"{r['action']} {r['version']}", r) for r in state["decisions"]]
             decided += [(e["at"], f"{e['action']} physics {e['id']}", e) for e in state["physics_decisions"]]

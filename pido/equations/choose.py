@@ -22,7 +22,7 @@ from pido.core.machining import Machine
 from pido.core.samples import Samples
 from pido.equations.fit import GlobalEquation, LocalEquations, fit_global, fit_local, fit_local_from
 from pido.equations.moments import Moments
-from pido.equations.terms import CONSTANT, FRICTION, HELD, HELD_SMALL, PAPER, PAPER_HELD, TermSet
+from pido.equations.terms import ADAPTIVE, CONSTANT, HELD, PAPER, TermSet
 from pido.equations.weights import PAPER_KERNELS, Kernel
 from pido.feature_space.density import locate, relevant_bins
 from pido.feature_space.grid import EQUATION_GRID, SAMPLING_GRID, Grid
@@ -55,7 +55,7 @@ def candidates(*extended: TermSet) -> tuple[Candidate, ...]:
 
     extended : term sets with accepted physics, tried beside the shipped ones
     """
-    sets = (HELD_SMALL, HELD, PAPER_HELD, FRICTION, *extended)
+    sets = (*ADAPTIVE, *extended)
     kernels = [Kernel(0.1, 0.02, 4.8), Kernel(0.1, 0.02, 1.5), Kernel(0.1, 0.002, 0.6)]
     return (
         Candidate(CONSTANT, EVERYWHERE),

@@ -249,7 +249,8 @@ class _Evidence(ABC):
                 continue
             sums, n = self.total(which)[columns(p, axes)], np.array([float(counts.sum())])
             keep, own = excited(sums, p, self.terms.constant), self.terms.own(AXES[axes[0]])
-            one = solve(WeightedSums(sums[None], n, n), keep, self.terms.constant, self.terms.floor, own=own)
+            weighted = WeightedSums(sums[None], n, n)
+            one = solve(weighted, keep, self.terms.constant, self.terms.floor, own=own, prior=self.terms.prior)
             coefficients[axes], factor[axes], noise[axes] = one.coefficients[0], one.factor[0], one.noise[0]
             effective[axes], rank[axes] = one.effective[0], one.rank[0]
             lost |= {self.terms.names[k] for k in np.flatnonzero(own & ~keep)}
@@ -277,7 +278,7 @@ class _Evidence(ABC):
                 raise FitError(f"{kernel} leaves a bin without any weight: give beta a small positive value.")
             base = overall.coefficients[axes]
             own = self.terms.own(AXES[axes[0]])
-            one = solve(sums, keep, self.terms.constant, self.terms.floor, base, own)
+            one = solve(sums, keep, self.terms.constant, self.terms.floor, base, own, self.terms.prior)
             coefficients[axes] = one.coefficients.transpose(1, 0, 2)
             effective[axes], rank[axes], noise[axes] = one.effective, one.rank, one.noise.T
             share[axes] = kernel.beta * counts.sum() / sums.total

@@ -2,10 +2,12 @@
 
 In:  sums and total weights per bin. Out: coefficients, a factor for leverage, the rank, and the local noise.
 
-    c = argmin  sum_n w_n (I_n - x_n c)² / sum_n w_n  +  floor² sum_{j != constant} c_j²
+    c = argmin  sum_n w_n (I_n - x_n c)² / sum_n w_n  +  floor² sum_{j != constant} (c_j - prior_j)²
 
-Columns are scaled by the machine's range already; floor is a share of that range (`TermSet.floor`). The constant is not
-penalised. Columns that are zero, or a multiple of the constant, over all samples are dropped by rule and reported.
+The prior is zero, but for accepted physics, which comes with the size at which it was found. The ridge is so small that
+it decides only what the samples say nothing of: friction of a direction that none of them took. Columns are scaled by
+the machine's range already; floor is a share of that range (`TermSet.floor`). The constant is not penalised. Columns
+that are zero, or a multiple of the constant, over all samples are dropped by rule and reported.
 """
 
 from __future__ import annotations
@@ -50,12 +52,13 @@ def excited(sums: Float1D, p: int, constant: int) -> Bool1D:
 
 def solve(
     weighted: WeightedSums, keep: Bool1D, constant: int, floor: float, around: Float2D | None = None,
-    own: Bool1D | None = None,
+    own: Bool1D | None = None, prior: Float1D | None = None,
 ) -> Solution:  # fmt: skip
-    """Coefficients of each bin for the axes that its sums hold; columns outside `keep` get zero.
+    """Coefficients of each bin for the axes that its sums hold; columns outside `keep` get their prior.
 
     around : (axes, p) – coefficients (of the global equation) that `moved` is measured from
     own : (p,) – columns that are in the equation of these axes; the others have no leverage either. None: all
+    prior : (p,), A at full range. None: zero
     """
     p, b = len(keep), len(weighted.total)
     axes = weighted.sums.shape[1] // (p + 1) - p // 2  # of p (p + 1) / 2 + axes (p + 1) entries
@@ -67,11 +70,12 @@ def solve(
     # kept columns first: their part of the factor solves the fit, and the whole of it is the leverage, so that a row
     # which moves a column that no sample moved has next to no support
     there = np.ones(p, bool) if own is None else own
+    before = np.zeros(p) if prior is None else np.where(there, prior, 0.0)
     columns = np.r_[np.flatnonzero(keep & there), np.flatnonzero(~keep & there)]
     half = -(-b // 2)
     in_threads(
         lambda rows: _solve(
-            weighted.sums[rows], weighted.total[rows], ridge, columns, int((keep & there).sum()), around,
+            weighted.sums[rows], weighted.total[rows], ridge, columns, int((keep & there).sum()), around, before,
             coefficients[rows], factor[rows], rank[rows], residual[rows], moved[rows],
         ),
         [slice(0, half), slice(half, None)],
@@ -84,7 +88,7 @@ def solve(
 
 
 @numba.njit(nogil=True, cache=True)
-def _solve(sums, total, ridge, columns, kept, around, coefficients, factor, rank, residual, moved):
+def _solve(sums, total, ridge, columns, kept, around, prior, coefficients, factor, rank, residual, moved):
     p, m, axes = len(ridge), len(columns), len(around)
     gram, right, square = np.empty((p, p)), np.empty((axes, p)), np.empty(axes)
     # up[k, i] is the Cholesky factor's entry (i, k), inverse[i, k] that of its inverse: the innermost loops run along
@@ -125,8 +129,11 @@ def _solve(sums, total, ridge, columns, kept, around, coefficients, factor, rank
             for i in range(j + 1, m):
                 up[j, i] = rest[i] / up[j, j]
         for a in range(axes):
-            for i in range(kept):
-                y[i] = right[a, columns[i]] * d[i]
+            for i in range(kept):  # what the prior leaves, whose own prior is zero
+                y[i] = right[a, columns[i]]
+                for j in range(p):
+                    y[i] -= gram[columns[i], j] * prior[j]
+                y[i] *= d[i]
             for k in range(kept):
                 y[k] = y[k] / up[k, k] if up[k, k] > 0.0 else 0.0
                 for i in range(k + 1, kept):
@@ -137,6 +144,8 @@ def _solve(sums, total, ridge, columns, kept, around, coefficients, factor, rank
                     s -= up[i, k] * y[k]
                 y[i] = s / up[i, i] if up[i, i] > 0.0 else 0.0
                 coefficients[b, a, columns[i]] = y[i] * d[i]
+            for i in range(p):
+                coefficients[b, a, i] += prior[i]
             c, error, away = coefficients[b, a], square[a], 0.0
             for i in range(p):
                 fitted, beside = 0.0, 0.0

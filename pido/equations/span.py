@@ -1,6 +1,7 @@
 """Whether an equation has a piece of physics already: then each fit finds its size, and adding it changes nothing.
 
-In:  a term that would extend a term set, the machine. Out: names of the terms that make it up, none where it is new.
+In:  a term that would extend a term set, the machine. Out: names of the terms that make it up, none where it is new;
+     and how large its columns can be on this machine.
 
 Asked of rows that go through all that the machine can do, at rest and in motion, in the air and in the cut. What a
 recording at hand cannot tell apart may still be two things: only what is the same for every part counts.
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pido.core.arrays import Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import INPUTS
 from pido.core.machining import Machine
@@ -35,6 +37,13 @@ def made_of(term: ExtraTerm, terms: TermSet, machine: Machine) -> tuple[str, ...
         return ()
     used = np.abs(share).max(axis=1) > _LEFT
     return tuple(name for name, use in zip(terms.names, used, strict=True) if use)
+
+
+def reach(term: ExtraTerm, machine: Machine) -> Float1D:
+    """(k,) – the largest that each column of `term` can be on this machine, and at least 1: what a fit divides it by,
+    as every term is divided by its range. The square of a spindle's speed in (deg/s)² is 2e9 beside friction's 1."""
+    rows = _rows(machine)
+    return np.maximum(np.abs(np.asarray(term.columns(rows), float).reshape(len(rows), -1)).max(axis=0), 1.0)
 
 
 def _rows(machine: Machine) -> Samples:

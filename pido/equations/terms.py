@@ -27,13 +27,19 @@ _AT = {name: k for k, name in enumerate(INPUTS)}
 
 @runtime_checkable
 class ExtraTerm(Protocol):
-    """Accepted physics of one axis, whose equation it extends. `columns` is (n, k), A per unit of its amplitude."""
+    """Accepted physics of one axis, whose equation it extends. `columns` is (n, k), each over what the machine can
+    reach of it, as all columns are."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def axis(self) -> str: ...
+
+    @property
+    def found(self) -> tuple[float, ...]:
+        """(k,), A at full reach: the size at which it was found, which holds where samples say nothing of it."""
+        ...
 
     def columns(self, samples: Samples) -> Float2D: ...
 
@@ -71,8 +77,14 @@ class TermSet:
         return np.ascontiguousarray(np.column_stack([columns, *more]))
 
     def scale(self, machine: Machine) -> Float1D:
-        """(p,): what each column is divided by; 1 for extra terms, whose amplitudes are in A already."""
+        """(p,): what each column is divided by; 1 for extra terms, which come so already."""
         return np.r_[self._ranges(machine), np.ones(sum(self.extra_sizes))]
+
+    @property
+    def prior(self) -> Float1D:
+        """(p,), A at full range: what coefficients are where samples say nothing of them."""
+        found = [np.asarray(term.found, float) for term in self.extras]
+        return np.concatenate([np.zeros(len(self) - sum(self.extra_sizes)), *found])
 
     def own(self, axis: str) -> Bool1D:
         """(p,): columns of the equation of `axis`. What was found on one axis is no part of another's equation."""
@@ -231,6 +243,10 @@ def _one(machine: Machine) -> list[float]:
 
 CONSTANT = TermSet("constant", ("1",), 0, 1e-4, _ones, _one)
 """No physics at all: what every equation has to beat."""
+
+ADAPTIVE = (HELD_SMALL, HELD, PAPER_HELD, FRICTION)
+"""What an adaptive choice is between, from plain to rich. Accepted physics extends each of them: were one left out,
+what is chosen would lack either that set's own physics or what was accepted."""
 
 TERM_SETS = (PAPER, PAPER_HELD, HELD, HELD_SMALL, FRICTION, CONSTANT)
 

@@ -14,7 +14,7 @@ import numpy as np
 from bokeh.models import BoxAnnotation
 from bokeh.plotting import figure
 
-from pido.accepted import INSTANT, name_of
+from pido.accepted import offers
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT, UNITS
 from pido.core.recording import Recording
@@ -323,8 +323,8 @@ def _to_accept(diagnosis: Diagnosis) -> list[str]:
     if pair_of(diagnosis.model) is not None:
         return []
     call = "pido accept-physics FOLDER --finding {name} --by NAME --reason TEXT"
-    names = [name_of({"axis": f.axis, "mechanism": f.mechanism}) for f in diagnosis.findings if f.mechanism in INSTANT]
-    return [call.format(name=name) for name in names]
+    found = offers([(f.axis, f.mechanism, f.kind) for f in diagnosis.findings], diagnosis.model)
+    return [f"Not {name}: it {why}" if why else call.format(name=name) for name, why in found]
 
 
 def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording], *, first: bool) -> list[figure]:

@@ -27,6 +27,7 @@ def intervals(mismatch):
     """Of the pulses, those that lie in a part as a whole, two samples too long."""
     found = []
     for state in mismatch.states:
+        assert state.clock is not None
         edges = np.flatnonzero(np.diff(on(state.clock)))
         found += [(state.part, state.time[i] - 0.04, state.time[j] + 0.04) for i, j in pairwise(edges)]
     return ExternalForce(tuple(e for e in found if e[2] - e[1] < FOR + 0.2))
@@ -36,7 +37,7 @@ def parts(count) -> list[Recording]:
     rng = np.random.default_rng(9)
     out = []
     for r in recordings(count):
-        clock = 100.0 * (r.part.order - 1) + r.time
+        clock = (r.part.start_time_s or 0.0) + r.time
         columns = {k: v for k, v in r.columns.items() if "_sp" not in k}
         seen = r["curr_x_sim"] + FORCE * on(clock) + rng.normal(0, NOISE, len(r))
         out.append(Recording(r.part, columns | {"curr_x": seen}))

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from pido import config
+from pido.core.errors import SettingsError
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis import contract, mechanisms
 from pido.diagnosis.correct import correct
 from pido.diagnosis.diagnose import diagnose
+from pido.parts import machine_of
 from pido.recordings import read_recording
+from pido.workspace import Workspace
 
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 
@@ -87,3 +90,15 @@ def test_an_added_machine_can_be_used_by_its_name(tmp_path):
     assert machine.axes["x"].v_max == 1000.0
     assert machine.spindle_max_deg_s == 24_000 * 6
     assert config.machine_config("portal", path).channels() == {"x": "X1"}
+
+
+def test_a_machine_that_is_not_known_comes_with_the_line_that_makes_it_known(tmp_path):
+    with pytest.raises(SettingsError, match=r"'portal' is not known.*docs/extending\.md") as error:
+        machine_of(Workspace.open(tmp_path), "portal")
+    (line,) = re.findall(r"workspace\.toml: (\w+ = \"machines\.toml\")", str(error.value))
+    (tmp_path / "workspace.toml").write_text(line)
+    (tmp_path / "machines.toml").write_text(block("machine"))
+    place = Workspace.open(tmp_path)
+    assert machine_of(place, "portal").id == "portal"
+    with pytest.raises(SettingsError, match=r"Known: cmx600v, .*portal.*Define it in .*machines\.toml\."):
+        machine_of(place, "gantry")

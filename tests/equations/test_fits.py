@@ -295,7 +295,7 @@ def test_friction_that_rises_towards_rest_is_described_by_terms_that_fall_with_s
 
 
 class _Ripple:
-    name, axis = "ripple", "x"
+    name, axis, found = "ripple", "x", (0.0,)
 
     def columns(self, samples):
         return np.sin(samples.inputs[:, 0])[:, None]

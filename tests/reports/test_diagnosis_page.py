@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from written_diagnosis import term_of
 
 from pido.core.errors import DiagnosisError
 from pido.core.part import PartInfo
@@ -70,7 +71,8 @@ def _diagnosis(part: str = "p01") -> tuple[Diagnosis, Recording]:
         alternatives=(Alternative("presliding_hysteresis", 14.0, "an air cut at three feeds, 40 s"),),
     )
     rejected = (Rejected("x", "backlash", "no gain on unseen parts"),)
-    return Diagnosis((finding,), ("y", "z", "sp"), {part: series}, {"terms": []}, rejected), recording
+    model = {"axes": {"x": {"terms": [term_of("stribeck_friction", {"v_s": 1.0, "delta": 2.0})]}}}
+    return Diagnosis((finding,), ("y", "z", "sp"), {part: series}, model, rejected), recording
 
 
 def test_the_files_hold_exactly_the_keys_of_the_contract(tmp_path):
@@ -96,7 +98,7 @@ def test_the_files_hold_exactly_the_keys_of_the_contract(tmp_path):
 def test_a_model_comes_back_as_it_was_written_and_another_file_is_refused(tmp_path):
     diagnosis, _ = _diagnosis()
     contract.write(diagnosis, tmp_path)
-    assert contract.read_model(tmp_path) == {"terms": []}
+    assert contract.read_model(tmp_path) == diagnosis.model
     (tmp_path / "model.json").write_text('{"schema": "something else"}')
     with pytest.raises(DiagnosisError, match="schema"):
         contract.read_model(tmp_path)
@@ -124,6 +126,17 @@ def test_the_page_is_one_small_file_that_fetches_nothing(tmp_path):
                    "0.12", "an air cut at three feeds, 40 s", "no gain on unseen parts",
                    "pido accept-physics FOLDER --finding x:stribeck_friction"):  # fmt: skip
         assert wanted in html
+
+
+def test_the_page_offers_no_finding_that_would_be_refused_and_says_why():
+    diagnosis, recording = _diagnosis()
+    terms = [term_of("inertia", {}), *diagnosis.model["axes"]["x"]["terms"]]
+    both = (replace(diagnosis.findings[0], mechanism="inertia"), *diagnosis.findings)
+    diagnosis = replace(diagnosis, findings=both, model={"axes": {"x": {"terms": terms}}})
+    html = render(diagnosis_page(diagnosis, [recording]))
+    assert "--finding x:stribeck_friction" in html
+    assert "--finding x:inertia" not in html
+    assert "Not x:inertia: it is in the equation already, by a_x." in html
 
 
 def test_with_nothing_found_the_page_says_so():
