@@ -367,7 +367,8 @@ def _named(model: type[Model], kind: str, name: str, known: dict[str, Any], own:
         if own is None:
             define = (
                 f"Define it in a TOML file (docs/extending.md), and name that file in the workspace's workspace.toml: "
-                f'{kind}s_file = "{kind}s.toml"; or in a job file: {kind}s = "{kind}s.toml".'
+                f'{kind}s_file = "{kind}s.toml"; in a job file: {kind}s = "{kind}s.toml"; or to the command, by '
+                "--settings where it has that."
             )
         raise SettingsError(f"{kind} '{name}' is not known. Known: {', '.join(sorted(tables))}. {define}")
     return parse(model, tables[name], f"{kind} '{name}'")

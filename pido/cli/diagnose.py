@@ -26,10 +26,17 @@ def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str
     help="compare these two columns instead of curr_<axis> and curr_<axis>_sim",
 )
 @click.option("--machine", help="name of the machine's settings (ranges and dead bands)")
+@click.option("--settings", type=Input(dir_okay=False), help="TOML with own machines")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="seed of the bootstrap")
 @click.option("--json", "as_json", is_flag=True, help="print diagnosis.json instead of the summary")
 def command(
-    parts: tuple[Path, ...], out: Path, pair: str | None, machine: str | None, seed: int, as_json: bool
+    parts: tuple[Path, ...],
+    out: Path,
+    pair: str | None,
+    machine: str | None,
+    settings: Path | None,
+    seed: int,
+    as_json: bool,
 ) -> None:
     """Compare simulation with recording and name the physics that is missing.
 
@@ -41,7 +48,10 @@ def command(
     \b
     pido diagnose parts/p01 parts/p02 parts/p03 --out diagnosis
     pido diagnose parts/* --pair f_x:f_x_sim --out force-check
+    pido diagnose parts/* --machine our_mill --settings machines.toml --out diagnosis
     """
+    if settings and not machine:
+        raise click.UsageError("--settings says what machines are like; name the one of these parts with --machine")
     import json
 
     from pido.cli.progress import Progress
@@ -52,6 +62,7 @@ def command(
     from pido.recordings.folder import says_machine
 
     check_place(out, PAGE)
+    own = machine_settings(machine, settings) if machine else None
     recordings = [read_recording(part) for part in parts]
     named = [r.part.machine for r, part in zip(recordings, parts, strict=True) if says_machine(part)]
     with Progress("diagnosing") as progress:
@@ -60,7 +71,7 @@ def command(
             recordings,
             made_on=named[0] if named else machine,
             pair=pair,
-            machine=machine_settings(machine) if machine else None,
+            machine=own,
             seed=seed,
             on_progress=progress,
         )

@@ -26,6 +26,7 @@ from pido.diagnosis.whiten import Noise
 
 _NEAR_S = 0.5  # a shift within which each step is tried
 _FARTHEST = 0.5  # of a part, by which it may be shifted
+_OVERLAP = 0.5  # of the rows of a part, for which something is to be simulated when it is shifted
 _STRETCHES = 5  # of a part, each with a shift of its own to begin with
 _HELD_S = 0.5  # beyond its ends, for which a simulation is taken to stay as it is there
 _LEAST_STEPS = 0.05  # steps of the recording, from which a shift is one
@@ -154,7 +155,8 @@ class _Sought:
         self.axes, self.noises, self.moved = axes, noises, moved
         self.parts = len(next(iter(axes.values())).states)
         self.known: dict[tuple[str, bytes], Float1D] = {}
-        self.before = {a: self._errors(a, np.zeros(self.parts + 1)) for a in axes}
+        self.before: dict[str, Float1D] = {}
+        self.before |= {a: self._errors(a, np.zeros(self.parts + 1)) for a in axes}
         one = np.r_[np.ones(self.parts), 0.0][:, None]
         self.steady = one
         self.drifting = np.hstack([one, 1.0 - one])
@@ -234,15 +236,19 @@ class _Sought:
         return np.sum(gains, axis=0)
 
     def _errors(self, axis: str, at: At) -> Float1D:
-        """(parts,) – sum of squares, as if the rows for which nothing is simulated were like the others."""
+        """(parts,) – sum of squares, as if the rows for which nothing is simulated were like the others; no less than
+        without a delay where these are most."""
         if (axis, at.tobytes()) in self.known:
             return self.known[axis, at.tobytes()]
         m = self.axes[axis]
         inside = _inside(m, at)
         left = np.where(inside & m.usable, _compared(m, _shifted(m, at, self.moved)), 0.0)
         white = self.noises[axis].whiten(left[None])[0]
-        share = [max(float(np.mean(inside[i:j])), 1e-3) for _, i, j in _parts(m)]
-        error = np.array([max(float(white[i:j] @ white[i:j]), 1e-30) for _, i, j in _parts(m)]) / share
+        each = [slice(i, j) for _, i, j in _parts(m)]
+        share = np.array([np.sum(inside[r] & m.usable[r]) / max(1, int(np.sum(m.usable[r]))) for r in each])
+        error = np.array([max(float(white[r] @ white[r]), 1e-30) for r in each]) / np.maximum(share, _OVERLAP)
+        if axis in self.before:
+            error = np.where(share < _OVERLAP, np.maximum(error, self.before[axis]), error)
         self.known[axis, at.tobytes()] = error
         return error
 

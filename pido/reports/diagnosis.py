@@ -37,6 +37,8 @@ from pido.reports.places import curves, maps
 from pido.reports.words import beside_its_words, in_words, shortened
 
 AROUND_WORST_S = 12.0
+SHIFTS_SHOWN = 40  # times a shift in time, that the stretch lasts in which it is shown
+FEWEST_SHOWN = 40  # samples of a stretch
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
 MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
@@ -340,7 +342,7 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     recorded = recording.columns.get(CURRENT[axis])
     label = _label(diagnosis)
     return [
-        _worst_place(part, axis, label, recorded, series),
+        _worst_place(part, axis, label, recorded, series, _seconds_shown(finding, part)),
         _over_time(part, axis, label, recorded, series),
         *own,
         *maps([f for f in diagnosis.findings if f.axis == axis], shown, by_part, _unit(diagnosis).strip()),
@@ -392,7 +394,22 @@ def _label(diagnosis: Diagnosis) -> str:
     return f"{'current' if pair is None else pair.recorded},{_unit(diagnosis)}".rstrip(",")
 
 
-def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:
+def _seconds_shown(finding: Finding, part: str) -> float:
+    """How much of the worst place is shown: of a shift in time so little that it can be seen."""
+    shift = finding.parameters.get(f"shift_{part}", finding.parameters.get("shift"))
+    if finding.mechanism != "time_misalignment" or shift is None:
+        return AROUND_WORST_S
+    return min(AROUND_WORST_S, SHIFTS_SHOWN * abs(shift.value))
+
+
+def _worst_place(
+    part: str,
+    axis: str,
+    label: str,
+    recorded: Float1D | None,
+    series: PartSeries,
+    seconds: float = AROUND_WORST_S,
+) -> figure:
     time = series.time
     # The stretch, not the sample, with the largest mismatch: a single spike is not what the reader has to see.
     simulated = series.corrected[axis] - series.mismatch[axis]
@@ -400,7 +417,7 @@ def _worst_place(part: str, axis: str, label: str, recorded: Float1D | None, ser
     if recorded is not None and not power.any():
         power = np.nan_to_num(recorded - simulated) ** 2
     step = max(float(np.median(np.diff(time))), 1e-6)
-    width = max(1, min(len(time), int(AROUND_WORST_S / step)))
+    width = max(1, min(len(time), max(FEWEST_SHOWN, int(seconds / step))))
     total = np.cumsum(np.concatenate([[0.0], power]))
     start = int(np.argmax(total[width:] - total[:-width]))
     window = slice(start, start + width)

@@ -302,3 +302,16 @@ def test_a_tool_that_is_not_named_at_first_is_no_hindrance(made, diagnose, call,
     code, found, _, err = diagnose(*parts)
     assert (code, found) == (0, [("x", "viscous_friction")]), err
     assert call("correct", tmp_path / "out", parts[0], "--out", tmp_path / "corrected.parquet")[0] == 0
+
+
+def test_a_machine_of_ones_own_is_taken_from_its_file(made, diagnose, tmp_path):
+    own = tmp_path / "machines.toml"
+    axes = "\n".join(f"[portal.{a}]\nv_max = 500.0\na_max = 5000.0\nj_max = 50000.0" for a in "xyz")
+    own.write_text(f"[portal]\n{axes}\n[portal.spindle]\nmax_rpm = 24000.0\n")
+    parts = made(machine=lambda k: "portal")
+    code, found, _, _ = diagnose(*parts, "--machine", "portal", "--settings", own)
+    assert code == 0
+    assert ("x", "viscous_friction") in found
+    code, _, _, said = diagnose(*parts, "--settings", own)
+    assert code == 2
+    assert "--machine" in said

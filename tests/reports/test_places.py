@@ -48,6 +48,17 @@ def titles(own):
 
 
 @pytest.mark.parametrize(
+    ("name", "seconds"), [("shift", (0.5, 2.0)), ("shift_p01", (3.0, 5.0)), ("shift_p02", (10.0, 13.0))]
+)
+def test_a_shift_in_time_is_shown_over_so_little_time_that_it_is_seen(name, seconds):
+    size = 0.1 if name == "shift_p01" else 0.03
+    own = finding("time_misalignment", parameters={name: Estimate(size, "s", (size, size))})
+    first = section(own).figures[0]
+    time = first.renderers[0].data_source.data["x"]
+    assert seconds[0] < np.ptp(time) < seconds[1]
+
+
+@pytest.mark.parametrize(
     "nowhere",
     [
         finding("thermal_drift", "dI_x = T * exp(-t / tau) * sgn(v_x)"),
