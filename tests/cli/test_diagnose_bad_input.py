@@ -306,12 +306,16 @@ def test_a_tool_that_is_not_named_at_first_is_no_hindrance(made, diagnose, call,
 
 def test_a_machine_of_ones_own_is_taken_from_its_file(made, diagnose, tmp_path):
     own = tmp_path / "machines.toml"
-    axes = "\n".join(f"[portal.{a}]\nv_max = 500.0\na_max = 5000.0\nj_max = 50000.0" for a in "xyz")
-    own.write_text(f"[portal]\n{axes}\n[portal.spindle]\nmax_rpm = 24000.0\n")
+    axes = "\n".join(
+        f"[portal.{a}]\nv_max = 500.0\na_max = 5000.0\nj_max = 50000.0\ntravel_mm = [-500.0, 500.0]" for a in "xyz"
+    )
+    own.write_text(
+        f'[portal]\nvertical_axis = "z"\nforce_max_n = 4000.0\n{axes}\n[portal.spindle]\nmax_rpm = 24000.0\n'
+    )
     parts = made(machine=lambda k: "portal")
-    code, found, _, _ = diagnose(*parts, "--machine", "portal", "--settings", own)
-    assert code == 0
-    assert ("x", "viscous_friction") in found
     code, _, _, said = diagnose(*parts, "--settings", own)
     assert code == 2
     assert "--machine" in said
+    code, found, _, _ = diagnose(*parts, "--machine", "portal", "--settings", own)
+    assert code == 0
+    assert ("x", "viscous_friction") in found
