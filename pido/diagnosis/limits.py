@@ -16,16 +16,18 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.confirm import plain_error
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.gates import Gate, gate_variable, inside
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Term, behind, without
+from pido.diagnosis.terms import Term, behind, solve_normal, without
 from pido.diagnosis.whiten import Noise
 
 _AROUND = (-0.16, -0.08, -0.03, -0.01, 0.0, 0.01, 0.03, 0.08, 0.16)  # of all values, where limits are tried together
 _SHARES = (0.08, 0.02, 0.005, 0.001)  # of all values, by which a limit is moved at a time
 _MOVES = 12  # of one size
 _ROUNDS = 3
+_NO_WORSE = 1.005  # of the error on folds that were not fitted
 _LESS = 4.0  # of 2 log likelihood, that a round is to bring
 
 Error = Callable[[tuple[Gate, ...]], float]
@@ -33,8 +35,9 @@ Error = Callable[[tuple[Gate, ...]], float]
 
 
 def on_every_row(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """`terms` with their limits moved, and their shapes settled between; as they are where none has limits."""
-    terms = list(terms)
+    """`terms` with their limits moved, and their shapes settled between; as they are where none has limits, or where
+    that leaves more error on folds that were not fitted."""
+    former, terms = list(terms), list(terms)
     for _ in range(_ROUNDS if any(t.gates for t in terms) else 0):
         gain = 0.0
         for i, term in enumerate(terms):
@@ -44,7 +47,9 @@ def on_every_row(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> lis
         if gain < _LESS:
             break
         terms = settle_shapes(mismatch, noise, terms)
-    return terms
+    if terms == former or plain_error(mismatch, terms) < _NO_WORSE * plain_error(mismatch, former):
+        return terms
+    return former
 
 
 def _moved(mismatch: Mismatch, noise: Noise, term: Term, rest: Sequence[Term]) -> tuple[Term, float]:
@@ -140,9 +145,11 @@ def _left_beside(mismatch: Mismatch, noise: Noise, rest: Sequence[Term]) -> Call
     y = noise.whiten(mismatch.target[None])[0]
     y = y - Q @ (Q.T @ y)
 
+    whole = float(y @ y)
+
     def left(columns: Float2D) -> float:
-        C = noise.whiten(columns).T
-        C = C - Q @ (Q.T @ C)
-        return float(np.sum((y - C @ np.linalg.lstsq(C, y, rcond=1e-9)[0]) ** 2))
+        C = noise.whiten(columns)
+        shared, inner = C @ Q, C @ y
+        return whole - float(solve_normal(C @ C.T - shared @ shared.T, inner)[0] @ inner)
 
     return left
