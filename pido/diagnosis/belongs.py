@@ -42,7 +42,8 @@ def of_another(parts: Sequence[Recording], axis: str) -> str | None:
 def _not_its_own(parts: Sequence[Recording], recording: Recording, axis: str) -> str | None:
     name = CURRENT_SIM[axis]
     seen, sim = _signal(recording, CURRENT[axis]), _signal(recording, name)
-    if np.std(sim) < _LEAST * np.std(seen) or (own := _alike(seen, sim)) >= _LIKE:
+    at_once = float(seen @ sim) >= _LIKE * np.linalg.norm(seen) * np.linalg.norm(sim)  # as nearly always
+    if np.std(sim) < _LEAST * np.std(seen) or at_once or (own := _alike(seen, sim)) >= _LIKE:
         return None
     others = [(_alike(seen, x), what, mend) for x, what, mend in _others(parts, recording, axis)]
     found, what, mend = max(others, key=lambda each: each[0])
