@@ -187,7 +187,7 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
         parameters |= {f"shift_{part}": _estimated(offset, "s", sd) for part, offset, sd in each}
     if delay.drift:
         parameters["drift"] = _estimated(delay.drift, "s/s", delay.sd[1])
-    others = ", ".join(a for a in delay.axes if a != axis)
+    others, several = ", ".join(a for a in delay.axes if a != axis), len(axes) > 1
     return Finding(
         axis=axis,
         mechanism="time_misalignment",
@@ -203,7 +203,9 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
         ),
         evidence=Evidence(p, p, delay.gain),
         fit=HeldOut(
-            f"one shift {'in each part' if delay.own else 'for all parts'}{', for all axes' if len(axes) > 1 else ''}",
+            "one shift in each part" + ", for all axes" * several
+            if delay.own
+            else "one shift for all parts" + " and axes" * several,
             _rms(before),
             _rms(after),
             1 - _rms(before) ** 2 / total,

@@ -38,6 +38,7 @@ from pido.reports.words import beside_its_words, in_words, shortened
 
 AROUND_WORST_S = 12.0
 SHIFTS_SHOWN = 40  # times a shift in time, that the stretch lasts in which it is shown
+MOST_DIGITS = 9  # of a parameter whose interval is narrow
 FEWEST_SHOWN = 40  # samples of a stretch
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
 MOST_NUMBERED = 8
@@ -281,12 +282,16 @@ def _row(name: str, estimate: Estimate) -> tuple[str, str, str]:
 
     >>> _row("g - 1", Estimate(0.06987, "–", (0.06748, 0.07226)))
     ('g', '× 1.070', '1.067 … 1.072')
+    >>> _row("T", Estimate(39.99997, "s", (39.9998, 40.00013)))
+    ('T', '40 s', '39.9998 … 40.0001 s')
     """
     if name.endswith(" - 1") and estimate.unit == "–":
         value, low, high = (f"{1 + v:.4g}".ljust(5, "0") for v in (estimate.value, *estimate.ci95))
         return name.removesuffix(" - 1"), f"× {value}", f"{low} … {high}"
-    interval = " … ".join(number(end, 4) for end in estimate.ci95) + f" {estimate.unit}"
-    return name, f"{number(estimate.value, 4)} {estimate.unit}", FIXED if estimate.fixed else interval
+    low, high = estimate.ci95
+    digits = next((n for n in range(4, MOST_DIGITS) if number(low, n) != number(high, n)), 4)
+    interval = f"{number(low, digits)} … {number(high, digits)} {estimate.unit}"
+    return name, f"{number(estimate.value, digits)} {estimate.unit}", FIXED if estimate.fixed else interval
 
 
 def _numbered(name: str, estimate: Estimate) -> tuple[str, str]:

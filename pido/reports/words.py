@@ -85,6 +85,7 @@ _SAID_ALREADY = re.compile(
     r"|while coolant is on"
     r"|at all times, in proportion to the whole current"
     r"|over single intervals of time"
+    r"|for \S+ s every \S+ s (?=on the machine|from the start)"
     r"|(a load|friction( that goes with the speed)?) (falls|grows|fades|builds up) (?=by |with )"
 )
 """Of where a mechanism acts, what its plain words have said."""
@@ -97,6 +98,8 @@ def beside_its_words(where: str, words: str) -> str:
     ''
     >>> beside_its_words("y axis, over single intervals of time; it comes again every 40 s", "a force over stretches")
     'it comes again every 40 s'
+    >>> beside_its_words("z axis, for 8 s every 40 s on the machine's clock", "a force every 40 s for 8 s")
+    "on the machine's clock"
     >>> beside_its_words("x axis in motion: more friction while it cuts", "more friction while it cuts")
     ''
     """
