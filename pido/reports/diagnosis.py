@@ -37,10 +37,13 @@ from pido.reports.places import curves, maps
 from pido.reports.words import beside_its_words, in_words, shortened
 
 AROUND_WORST_S = 12.0
-SHIFTS_SHOWN = 40  # times a shift in time, that the stretch lasts in which it is shown
-MOST_DIGITS = 9  # of a parameter whose interval is narrow
-FEWEST_SHOWN = 40  # samples of a stretch
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
+SHIFTS_SHOWN = 40
+"""Times a shift in time, that the stretch lasts in which it is shown."""
+FEWEST_SHOWN = 40
+"""Samples of a stretch."""
+MOST_DIGITS = 9
+"""Of a parameter whose interval is narrow."""
 MOST_NUMBERED = 8
 """Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
 FIXED = "set by the form, not estimated"
@@ -182,7 +185,7 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int
         lines.append(_part_by_part(f.by_part, f.mechanism.removeprefix("miscalibrated:")))
     if f.where.workpiece:
         lines.append(f"On the workpiece: {f.where.workpiece}")
-    if f.where.nc_lines and not f.of_its_parts_only:
+    if f.where.nc_lines and f.mechanism != "external_force":
         lines.append(f"NC blocks: {_blocks(f.where.nc_lines, blocks)}")
     if f.modelled:
         lines.append(
