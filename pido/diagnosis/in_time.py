@@ -41,6 +41,7 @@ def in_its_time(
     """limits : at which each axis' current is clipped"""
     delay = _common({a: (k.mismatch, k.noise) for a, k in looks.items()}, looks, each)
     if delay is not None:
+        delay = sharpened(delay, {a: looks[a].mismatch for a in delay.by_axis})
         _, answers = _searched(_moved(looks, limits, delay, each), True, each)
         return dict.fromkeys(looks, delay), answers
     _, answers = now = _searched(dict(looks), False, each)
@@ -48,6 +49,7 @@ def in_its_time(
     # A small shift shows only when what is larger is out.
     beside = _common(left, looks, each)
     if beside is not None:
+        beside = exactly(beside, {a: looks[a].mismatch for a in beside.by_axis}, answers)
         again = _searched(_moved(looks, limits, beside, each), True, each)
         if no_worse(again, now):
             return dict.fromkeys(looks, beside), again[1]
@@ -64,9 +66,9 @@ def in_time(mismatch: Mismatch, delay: Delay) -> Mismatch:
 
 
 def exactly(delay: Delay, whole: Mapping[str, Mismatch], answers: Mapping[str, Answer]) -> Delay:
-    """The delay as every row has it, beside what was named on its axes.
+    """The delay as these rows have it, beside what was named on its axes.
 
-    whole : each axis that it is of, on every row
+    whole : each axis that it is of
     """
     beside = {}
     for axis, mismatch in whole.items():

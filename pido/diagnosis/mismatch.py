@@ -46,6 +46,7 @@ class Mismatch:
     noise_class : (n,) – class of state with a noise level of its own
     stride : rows of the recording that one row here stands for
     before_moving : (n,), A – the target before the simulation was moved in time, where it was
+    fine : per part the time, s, and the simulated current, A, of the rows that were averaged, where they were
     """
 
     axis: str
@@ -61,6 +62,7 @@ class Mismatch:
     noise_class: Int1D
     stride: int = 1
     before_moving: Float1D | None = None
+    fine: tuple[tuple[Float1D, Float1D], ...] = ()
 
     @property
     def n(self) -> int:
@@ -138,6 +140,7 @@ def lay_out(
         usable=usable,
         noise_class=_noise_class(thin),
         stride=stride,
+        fine=tuple((s.time, s.sim) for s in states if s.sim is not None) if stride > 1 and sim is not None else (),
     )
 
 
@@ -206,6 +209,11 @@ def _means(whole: Rows, thin: Rows, names: Sequence[str], stride: int) -> Rows:
         return None if value is None else _box(value, stride)
 
     return replace(thin, **{name: mean(getattr(whole, name)) for name in names})  # type: ignore[type-var]
+
+
+def averaged(values: Float1D, stride: int) -> Float1D:
+    """Means of every `stride` values; what is left at the end is no row."""
+    return _box(values, stride)
 
 
 def _box(values: Array1D | Float2D, stride: int) -> Float2D:

@@ -19,7 +19,7 @@ from scipy import signal, stats
 
 from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.diagnosis.confirm import SIGNIFICANT, even
-from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.mismatch import Mismatch, averaged
 from pido.diagnosis.models import shifted
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
@@ -115,7 +115,7 @@ def sharpened(delay: Delay, axes: Mapping[str, Mismatch]) -> Delay:
     nobody knows; by how much the delay is another one where it goes straight from one to the next widens the interval.
     """
     noises = {a: even(m) for a, m in axes.items()}
-    sought, straight = _Sought(axes, noises), _Sought(axes, noises, _straight)
+    sought, straight = _Sought(axes, noises, fine=True), _Sought(axes, noises, _straight, fine=True)
     basis = sought.own if delay.own else sought.drifting if delay.drift else sought.steady
     if delay.own and delay.drift:
         basis = sought.all
@@ -132,7 +132,7 @@ def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:
     usable = mismatch.usable & _inside(mismatch, delay.at)
     starts = mismatch.starts | ~usable
     starts[1:] |= ~usable[:-1]
-    moved = np.where(usable, _compared(mismatch, _shifted(mismatch, delay.at)), 0.0)
+    moved = np.where(usable, _compared(mismatch, _shifted(mismatch, delay.at, fine=True)), 0.0)
     return replace(mismatch, target=moved, before_moving=mismatch.target, usable=usable, starts=starts)
 
 
@@ -148,11 +148,13 @@ def _delay(best: At, covariance: Float2D, gain: float, gains: Mapping[str, float
 class _Sought:
     """The delay of some axes under some weights.
 
-    moved : (time, values, delay) -> (n,), the signal as it is seen later
+    moved : (time, values, delay) -> (n,), the signal as it is seen later; fine : before rows are averaged
     """
 
-    def __init__(self, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], moved: Moved = shifted):
-        self.axes, self.noises, self.moved = axes, noises, moved
+    def __init__(
+        self, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], moved: Moved = shifted, fine: bool = False
+    ):
+        self.axes, self.noises, self.moved, self.fine = axes, noises, moved, fine
         self.parts = len(next(iter(axes.values())).states)
         self.known: dict[tuple[str, bytes], Float1D] = {}
         self.before: dict[str, Float1D] = {}
@@ -242,7 +244,7 @@ class _Sought:
             return self.known[axis, at.tobytes()]
         m = self.axes[axis]
         inside = _inside(m, at)
-        left = np.where(inside & m.usable, _compared(m, _shifted(m, at, self.moved)), 0.0)
+        left = np.where(inside & m.usable, _compared(m, _shifted(m, at, self.moved, self.fine)), 0.0)
         white = self.noises[axis].whiten(left[None])[0]
         each = [slice(i, j) for _, i, j in _parts(m)]
         share = np.array([np.sum(inside[r] & m.usable[r]) / max(1, int(np.sum(m.usable[r]))) for r in each])
@@ -279,7 +281,7 @@ class _Sought:
 
     def _step_rows(self, axis: str, m: Mismatch, at: At) -> tuple[Float2D, Float1D]:
         """(2, n) slope of the moved simulation, alone and times t, and (n,) what is left; whitened."""
-        moved = _shifted(m, at, self.moved)
+        moved = _shifted(m, at, self.moved, self.fine)
         use = m.usable & _inside(m, at)
         slope = np.concatenate([np.gradient(moved[i:j], s.time) for s, i, j in _parts(m)])
         time = np.concatenate([s.time for s in m.states])
@@ -342,10 +344,15 @@ def _straight(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Flo
     return np.interp(time - delay[0] - delay[1] * time, time[good], values[good]) if good.any() else values
 
 
-def _shifted(mismatch: Mismatch, at: At, moved: Moved = shifted) -> Float1D:
+def _shifted(mismatch: Mismatch, at: At, moved: Moved = shifted, fine: bool = False) -> Float1D:
+    """fine : moved before rows are averaged, not after: what means lose between them looks like a part of a shift"""
     sim = mismatch.simulated
     if not at.any():
         return sim
+    if fine and mismatch.fine:
+        own = zip(mismatch.fine, at[:-1], strict=True)
+        late = [moved(time, values, (float(by), float(at[-1]))) for (time, values), by in own]
+        return np.concatenate([averaged(values, mismatch.stride) for values in late])
     each = zip(_parts(mismatch), at[:-1], strict=True)
     return np.concatenate([moved(s.time, sim[i:j], (float(late), float(at[-1]))) for (s, i, j), late in each])
 

@@ -16,7 +16,7 @@ from pido.diagnosis.search import Look, best_gain
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.timing import find_delay, sharpened
+from pido.diagnosis.timing import find_delay, sharpened, shift_target
 from pido.diagnosis.whiten import Noise
 from pido.reports.diagnosis import verdict
 from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
@@ -112,6 +112,11 @@ def test_the_last_digits_of_a_shift_are_those_of_every_row():
     exact = sharpened(rough, {"x": whole})
     assert abs(exact.offset + 0.0273) < abs(rough.offset + 0.0273)
     assert abs(exact.offset + 0.0273) < 3 * exact.sd[0]
+    # Averages are as exact, where what is averaged was moved before.
+    again = sharpened(rough, {"x": thin})
+    assert abs(again.offset + 0.0273) < 0.5 * abs(rough.offset + 0.0273)
+    left = [np.std(shift_target(m, again).target[m.usable]) for m in (thin, replace(thin, fine=()))]
+    assert left[0] < 0.7 * left[1]
 
 
 def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
