@@ -41,7 +41,8 @@ def in_its_time(
     """limits : at which each axis' current is clipped"""
     delay = _common({a: (k.mismatch, k.noise) for a, k in looks.items()}, looks, each)
     if delay is not None:
-        delay = sharpened(delay, {a: looks[a].mismatch for a in delay.by_axis})
+        of = {a: looks[a] for a in delay.by_axis}
+        delay = sharpened(delay, {a: k.mismatch for a, k in of.items()}, {a: k.noise for a, k in of.items()})
         _, answers = _searched(_moved(looks, limits, delay, each), True, each)
         return dict.fromkeys(looks, delay), answers
     _, answers = now = _searched(dict(looks), False, each)

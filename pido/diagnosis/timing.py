@@ -108,13 +108,14 @@ def find_delay(
     return _delay(best, sd, total, gains)
 
 
-def sharpened(delay: Delay, axes: Mapping[str, Mismatch]) -> Delay:
+def sharpened(delay: Delay, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise] | None = None) -> Delay:
     """The delay as every row of these axes has it, without what is known to be missing beside it.
 
-    By even weights: weights that listen to what is quick listen to what the simulation is between its samples. That
-    nobody knows; by how much the delay is another one where it goes straight from one to the next widens the interval.
+    noises : as loud as each axis is, while something may be missing; None: even weights. Weights that listen to what is
+        quick listen to what the simulation is between its samples. That nobody knows; by how much the delay is another
+        one where it goes straight from one to the next widens the interval.
     """
-    noises = {a: even(m) for a, m in axes.items()}
+    noises = {a: even(m) for a, m in axes.items()} if noises is None else noises
     sought, straight = _Sought(axes, noises, fine=True), _Sought(axes, noises, _straight, fine=True)
     basis = sought.own if delay.own else sought.drifting if delay.drift else sought.steady
     if delay.own and delay.drift:
