@@ -20,7 +20,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.terms import fit
 from pido.diagnosis.timing import Delay, find_delay, sharpened, shift_target
-from pido.diagnosis.whiten import Noise
+from pido.diagnosis.whiten import Noise, estimate_noise
 
 _CLEARLY = 0.8  # of the error on unseen folds that is left at most where one axis is late by itself
 
@@ -67,16 +67,20 @@ def in_time(mismatch: Mismatch, delay: Delay) -> Mismatch:
 
 
 def exactly(delay: Delay, whole: Mapping[str, Mismatch], answers: Mapping[str, Answer]) -> Delay:
-    """The delay as these rows have it, beside what was named on its axes.
+    """The delay as these rows have it, beside what was named on its axes. Its interval is as much wider as the delay is
+    another one under the noise of what is left: were nothing missing, the weights would not matter (in the spirit of
+    Hausman 1978).
 
     whole : each axis that it is of
     """
-    beside = {}
+    beside, noises = {}, {}
     for axis, mismatch in whole.items():
         moved = in_time(mismatch, delay)
-        named = moved.target - fit(moved, even(moved), answers[axis].terms).residual
-        beside[axis] = mismatch.with_target(mismatch.target - named)
-    return sharpened(delay, beside)
+        left = fit(moved, even(moved), answers[axis].terms).residual
+        beside[axis] = mismatch.with_target(mismatch.target - (moved.target - left))
+        noises[axis] = estimate_noise(left, mismatch.starts, mismatch.noise_class, mismatch.usable)
+    exact = sharpened(delay, beside)
+    return exact.as_wide_as(sharpened(exact, beside, noises))
 
 
 def no_worse(again: Answers, former: Answers) -> bool:

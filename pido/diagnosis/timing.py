@@ -75,6 +75,16 @@ class Delay:
         clear = sorted(self.by_axis, key=lambda a: -self.by_axis[a])
         return tuple(a for a in clear if stats.chi2.sf(self.by_axis[a], 2) < SIGNIFICANT)
 
+    def as_wide_as(self, other: Delay) -> Delay:
+        """The same delay, its standard deviations wider by the way to another estimate of it."""
+        offset, drift = self.sd[0] + abs(other.offset - self.offset) / 1.96, self.sd[1]
+        sds = zip(self.sds, self.offsets, other.offsets, strict=True)
+        return replace(
+            self,
+            sd=(offset, drift + abs(other.drift - self.drift) / 1.96),
+            sds=tuple(sd + abs(b - a) / 1.96 for sd, a, b in sds),
+        )
+
 
 def find_delay(
     axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], rivals: Callable[[], Mapping[str, float]] = dict
