@@ -143,7 +143,7 @@ def lag_matrix(time: Float1D, tau: float) -> csr_array:
     reach = min(n, 2 + int(np.ceil(np.log(1 / _DIED_AWAY) * tau / step)))
     one = np.zeros((1, reach + 1))
     one[0, 1] = 1.0
-    answer = answered_late(one, step * np.arange(reach + 1), tau)[0, 1:]
+    answer = answered_late(one, step * np.arange(reach + 1, dtype=float), tau)[0, 1:]
     since = np.arange(n) - np.repeat(np.r_[0, first], np.diff(np.r_[0, first, n]))
     to = since[:, None] >= np.arange(reach)  # what a row answers to, of those before it, lies in its own stretch
     rows = np.repeat(np.arange(n), to.sum(axis=1))
