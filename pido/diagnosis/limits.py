@@ -63,20 +63,20 @@ def _moved(mismatch: Mismatch, noise: Noise, term: Term, rest: Sequence[Term]) -
 
     gates, first = term.gates, error(term.gates)
     best = first
-    for variable in dict.fromkeys(g.variable for g in gates):
-        gates, best = _together(mismatch, gates, variable, best, error)
+    values = {variable: _values(mismatch, variable) for variable in dict.fromkeys(g.variable for g in gates)}
+    for variable, own_values in values.items():
+        gates, best = _together(own_values, gates, variable, best, error)
     for share in _SHARES:
-        for k in range(len(gates)):
-            gates, best = _one_limit(mismatch, gates, k, share, best, error)
+        for k, gate in enumerate(gates):
+            gates, best = _one_limit(values[gate.variable], gates, k, share, best, error)
     return replace(term, gates=gates), int(noise.valid.sum()) * float(np.log(first / best))
 
 
 def _together(
-    mismatch: Mismatch, gates: tuple[Gate, ...], variable: str, best: float, error: Error
+    values: Float1D, gates: tuple[Gate, ...], variable: str, best: float, error: Error
 ) -> tuple[tuple[Gate, ...], float]:
     """The gates with all limits of one variable where they leave least error, of some near those there are: one alone
-    may have to get worse before both are better."""
-    values = _values(mismatch, variable)
+    may have to get worse before both are better. values : all that the variable is, rising"""
     own = [(k, side) for k, g in enumerate(gates) if g.variable == variable for side in _finite(g)]
     near = []
     for k, side in own:
@@ -93,15 +93,17 @@ def _together(
 
 
 def _one_limit(
-    mismatch: Mismatch,
+    values: Float1D,
     gates: tuple[Gate, ...],
     k: int,
     share: float,
     best: float,
     error: Error,
 ) -> tuple[tuple[Gate, ...], float]:
-    """The gates with the finite limit of the one in place k moved up or down as long as that leaves less error."""
-    values = _values(mismatch, gates[k].variable)
+    """The gates with the finite limit of the one in place k moved up or down as long as that leaves less error.
+
+    values : all that its variable is, rising
+    """
     step = max(1, int(share * len(values)))
     for side in _finite(gates[k]):
         for way in (step, -step):
@@ -144,7 +146,6 @@ def _left_beside(mismatch: Mismatch, noise: Noise, rest: Sequence[Term]) -> Call
     Q = np.linalg.qr(X.T)[0]
     y = noise.whiten(mismatch.target[None])[0]
     y = y - Q @ (Q.T @ y)
-
     whole = float(y @ y)
 
     def left(columns: Float2D) -> float:

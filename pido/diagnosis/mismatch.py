@@ -118,8 +118,8 @@ def lay_out(
     stride : so many rows are averaged into one
     """
     thin = [_thin(s, stride) for s in states]
-    target = np.concatenate([_box(t, stride) for t in targets])
-    base = np.concatenate([_box(b, stride) for b in bases], axis=-1) if bases else np.zeros((0, len(target)))
+    target = np.concatenate([averaged(t, stride) for t in targets])
+    base = np.concatenate([averaged(b, stride) for b in bases], axis=-1) if bases else np.zeros((0, len(target)))
     sims = [s.sim for s in thin]
     sim = np.concatenate([s for s in sims if s is not None]) if all(s is not None for s in sims) else None
     usable = np.concatenate([s.usable for s in thin]) & np.isfinite(target) & np.isfinite(base).all(axis=0)
@@ -183,11 +183,11 @@ def _thin(state: AxisState, stride: int) -> AxisState:
     others = {
         a: replace(
             _means(motion, thin.others[a], _OF_MOTION, stride),
-            wrong=None if motion.wrong is None else _box(motion.wrong, stride) > 0,
+            wrong=None if motion.wrong is None else averaged(motion.wrong, stride) > 0,
         )
         for a, motion in state.others.items()
     }
-    usable = _box(state.usable, stride) == 1.0
+    usable = averaged(state.usable, stride) == 1.0
     limiting = {name: gate_variable(state, name) for name in (*VARIABLES, *EITHER_WAY)}
     ranges = {name: _range(values, stride) for name, values in limiting.items() if values is not None}
     means = _means(state, thin, (*_OF_MOTION, *_OF_LOAD), stride)
@@ -206,17 +206,13 @@ def _means(whole: Rows, thin: Rows, names: Sequence[str], stride: int) -> Rows:
     def mean(value: Any) -> Any:
         if isinstance(value, Mapping):
             return {k: mean(v) for k, v in value.items()}
-        return None if value is None else _box(value, stride)
+        return None if value is None else averaged(value, stride)
 
     return replace(thin, **{name: mean(getattr(whole, name)) for name in names})  # type: ignore[type-var]
 
 
-def averaged(values: Float1D, stride: int) -> Float1D:
-    """Means of every `stride` values; what is left at the end is no row."""
-    return _box(values, stride)
-
-
-def _box(values: Array1D | Float2D, stride: int) -> Float2D:
+def averaged(values: Array1D | Float2D, stride: int) -> Float2D:
+    """Means of every `stride` values along the last axis; what is left at the end is no row."""
     if stride == 1:
         return np.asarray(values, float)
     n = values.shape[-1] // stride * stride

@@ -175,8 +175,8 @@ def _tuned(
         mass = float(weight @ on**2)
         return float((weight * on) @ left) ** 2 / mass if mass > 0 else 0.0
 
-    quarter = shape["w"] / 4
-    simplex = start + np.vstack([np.zeros(3), np.diag([quarter / max(1.0, mechanism.cycles), quarter, quarter])])
+    steps = [mechanism.around(name, shape, mismatch.states)[1] - shape[name] for name in names]
+    simplex = start + np.vstack([np.zeros(3), np.diag(steps)])
     found = optimize.minimize(
         lambda v: -explained(v), start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxiter": 200}
     )
