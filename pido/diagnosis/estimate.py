@@ -96,7 +96,8 @@ def estimate(
             if p.is_choice or value is None:
                 continue
             if p.name in group:
-                found[p.name] = Estimate(value, p.unit, _within(p, _around(value, half[slope_at], p.scale == "log")))
+                around = _around(value, half[slope_at], p.scale == "log")
+                found[p.name] = Estimate(value, p.unit, _within(p, value, around))
                 slope_at += 1
             else:
                 found[p.name] = Estimate(value, p.unit, (value, value))
@@ -204,11 +205,11 @@ def _moved(mismatch: Mismatch, term: Term, moves: dict[str, float], share: float
     return replace(term, shape=tuple(shape.items()), lag=lag)
 
 
-def _within(parameter: Parameter, interval: tuple[float, float]) -> tuple[float, float]:
-    """The interval as far as values are plausible at all; what a search may leave is no bound."""
-    low = -np.inf if parameter.low is None else parameter.low
-    high = np.inf if parameter.high is None else parameter.high
-    return max(interval[0], min(low, interval[1])), min(interval[1], max(high, interval[0]))
+def _within(parameter: Parameter, value: float, interval: tuple[float, float]) -> tuple[float, float]:
+    """The interval around a value as far as values are plausible at all; what a search may leave is no bound."""
+    low = -np.inf if parameter.low is None else min(parameter.low, value)
+    high = np.inf if parameter.high is None else max(parameter.high, value)
+    return max(interval[0], low), min(interval[1], high)
 
 
 def _around(value: float, half: float, log: bool) -> tuple[float, float]:

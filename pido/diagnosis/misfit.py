@@ -54,6 +54,8 @@ _FEW_LASTING = 20  # rows
 _NEARLY_ALL = 0.7
 _FEW_BLOCKS = 4
 _UNSEEN = 0.05  # p value of a gain on unseen folds, after all other tests
+_UNSEEN_IN_A_BOX = 0.02  # the same of a law in a box: there are more boxes than laws to choose from
+_MANY_VISITS = 12  # blocks that meet a box, of which single ones do not speak for all
 _LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
 _SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
@@ -93,8 +95,10 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
             before, after = (cross_residual(mismatch, judge, t, fold) for t in (others, terms))
         else:
             before = cross_residual(mismatch, noise, others)
-        few = len(terms) == 1 and (bool(term.gates) or _seldom(mismatch, term, acts))
-        if not _holds_unseen(mismatch, judge, before, after, acts, few):
+        boxed = bool(term.gates)
+        blocks = len(np.unique(mismatch.block[acts]))
+        few = len(terms) == 1 and (blocks < _MANY_VISITS if boxed else _seldom(term, blocks))
+        if not _holds_unseen(mismatch, judge, before, after, acts, few, _UNSEEN_IN_A_BOX if boxed else _UNSEEN):
             return i, "no gain on parts that were not fitted"
     i = _differs_by_part(mismatch, terms, effects, joint.residual)
     if i is not None:
@@ -105,10 +109,12 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
     return _mends_form(mismatch, noise, terms, effects)
 
 
-def _holds_unseen(mismatch: Mismatch, noise: Noise, before: Float1D, after: Float1D, acts: Bool1D, few: bool) -> bool:
+def _holds_unseen(
+    mismatch: Mismatch, noise: Noise, before: Float1D, after: Float1D, acts: Bool1D, few: bool, least: float
+) -> bool:
     """Whether what other folds say of a term is there in each, (n,) in A `before` and `after` it is taken out.
 
-    few : it acts in a few blocks only, or may differ between them; then all blocks say how far their sums scatter
+    few : it acts in a few blocks only, and all say how far their sums scatter; least : p value that is asked
     """
     b, a = noise.whiten(np.array([before, after]))
     gain = b**2 - a**2
@@ -116,14 +122,14 @@ def _holds_unseen(mismatch: Mismatch, noise: Noise, before: Float1D, after: Floa
         return False
     # Blocks in which it never acts say nothing for it or against it.
     met = np.bincount(mismatch.block, acts)[mismatch.block] > 0
-    if paired_p(gain, mismatch, mismatch.usable & met) <= _UNSEEN:
+    if paired_p(gain, mismatch, mismatch.usable & met) <= least:
         return True
-    return few and p_value(Whitened((b - a)[None], b, (slice(0, 1),)), 0, mismatch.block, pooled=True) <= _UNSEEN
+    return few and p_value(Whitened((b - a)[None], b, (slice(0, 1),)), 0, mismatch.block, pooled=True) <= least
 
 
-def _seldom(mismatch: Mismatch, term: Term, acts: Bool1D) -> bool:
+def _seldom(term: Term, blocks: int) -> bool:
     """Whether a law acts in so few blocks that they alone say little: the run-ups of a spindle in two short parts."""
-    return term.name != "unknown" and len(np.unique(mismatch.block[acts])) < _FEW_BLOCKS
+    return term.name != "unknown" and blocks < _FEW_BLOCKS
 
 
 def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> int | None:

@@ -27,6 +27,7 @@ from pido.diagnosis.forms import (
     plainest,
     rivals_of,
 )
+from pido.diagnosis.formulas import Formula
 from pido.diagnosis.identify import (
     LEAST_GAIN,
     SIGNIFICANT_NAME,
@@ -56,6 +57,8 @@ _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term
 # Of a simulated weight: a constant that is less of it is the sensor's. Zeros of current sensors are good to a percent
 # of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
 _ZERO = 0.02
+_BENDS = 12.0  # BIC by which a saturation in a box must beat a factor on the current: it has a knee there
+_STRAIGHT = 0.01  # of its power, that a factor leaves of it: its knee is far below nearly all of the current
 
 
 @dataclass(frozen=True)
@@ -235,6 +238,22 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
                 inner = "coulomb_friction" in inside or is_whole_presliding(part.term)
                 term = replace(term, name=coulomb) if inner else term
         out.append(term)
+    return _without_knees(library, noise, out)
+
+
+def _without_knees(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """`terms`, with a saturation that bends nowhere in its box as what it is there: a factor on the current, which no
+    name says. A sensor's gain is the same everywhere, and a current saturates where it is high."""
+    out = list(terms)
+    for i, term in enumerate(terms):
+        if term.mechanism.id == "current_saturation" and term.gates:
+            current = Formula(((f"I_{library.mismatch.axis}", "u"),), "A")
+            plain = [*out[:i], replace(term, mechanism=current, shape=(), name=current.id), *out[i + 1 :]]
+            (bent,), (row,) = (library.columns(t)[:, library.mismatch.usable] for t in (term, plain[i]))
+            left = bent - float(row @ bent) / max(float(row @ row), 1e-300) * row
+            alike = float(left @ left) < _STRAIGHT * float(bent @ bent)
+            if alike or basis(library, noise, plain).bic < basis(library, noise, out).bic + _BENDS:
+                out = plain
     return out
 
 

@@ -296,3 +296,29 @@ def test_the_limits_of_what_ramps_show_are_found_behind_a_loop_and_in_averaged_r
         limits[gate.variable].append(gate.low if np.isfinite(gate.low) else gate.high)
     assert limits == {PATH_SPEED: [pytest.approx(4.0, abs=0.5), pytest.approx(9.0, abs=0.5)]}
     assert found.amplitudes[0] == pytest.approx(2e-3, rel=0.1)
+
+
+def test_a_factor_on_the_current_in_a_box_is_no_saturation():
+    """It bends nowhere, and is there where the axis is slow."""
+    answer, _ = answer_of(lambda s: 0.2 * s.sim * (np.hypot(s.v, other(s)) < 9.0), 1, 25.0, 0.5)
+    (term,) = answer.terms
+    assert (term.name, term.mechanism.equation, bool(term.gates)) == ("unknown", "dI = k * I_x", True)
+
+
+@pytest.mark.parametrize(("share", "told"), [(1.0, None), (0.1, "no gain on parts that were not fitted")])
+def test_a_law_that_a_few_of_many_visits_to_its_box_show_is_none(share, told):
+    """However strong it is in those."""
+    rng = np.random.default_rng(5)
+    box = Gate("v_y", low=4.0)
+    states = axis_states(list(recordings(5, 25.0)), "x")
+    targets = []
+    for state in states:
+        visit = np.cumsum(np.diff(inside(state, (box,)) > 0, prepend=False))
+        shown = rng.random(visit.max() + 1) < share
+        targets.append(0.05 / share * np.sign(state.v) * shown[visit] + remembering(rng, len(state.time), 0.0))
+    mismatch = lay_out(states, targets)
+    term = Term(next(m for m in CATALOGUE if m.id == "coulomb_friction"), gates=(box,))
+    library = Library(mismatch, [term])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    library.whiten(noise)
+    assert useless(library, noise, [term])[1] == told
