@@ -56,6 +56,8 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     named = machine or workspace.settings.machine
     if known is not None and known.state == "taken" and known.part is not None and store.has(known.part):
         entry = entry_of(workspace, known.part)
+        if gone := store.why_withdrawn(known.part):
+            raise Refused(f"{place}: {gone}", key, entry.machine)
         if named not in (None, entry.machine) and not says_machine(place):
             raise Refused(_elsewhere(place, entry, named), key, named or "")
         return _answer(entry, key)
@@ -140,7 +142,10 @@ def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tup
 
     recording = _read(workspace, path, machine or workspace.settings.machine)
     _check(recording, workspace, path)
-    same = Store(workspace.store).same(recording)
+    store = Store(workspace.store)
+    same = store.same(recording)
+    if same is None:
+        store.compare_currents(recording)
     name = digest(recording) if same is None else same.digest
     samples, lost = _samples(workspace, recording, name)
     return at_rate(workspace, recording), samples, lost, name

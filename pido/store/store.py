@@ -10,6 +10,9 @@ In:  recordings. Out: entries in production order, and recordings back by digest
 A file is written beside its place, flushed, renamed, and only then entered in the index within one transaction. A
 process that dies in between leaves at most a file that no entry names: it is invisible, and the next add of the same
 content takes it over. SQLite serialises two processes; the second of two equal adds finds the first one's entry.
+
+A part that was withdrawn keeps its file and its line; it is no longer among the entries, and its name is free for
+another recording. Who withdrew it and why is in a workspace's audit log (`pido.withdrawal`).
 """
 
 from __future__ import annotations
@@ -20,7 +23,8 @@ import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 from pido.core.errors import StoreError, UnavailableError
@@ -28,6 +32,7 @@ from pido.core.files import replacing
 from pido.core.names import file_name
 from pido.core.recording import Recording
 from pido.store import content
+from pido.store.sizes import COLUMNS, Sizes, beside, sizes
 
 log = logging.getLogger(__name__)
 _SCHEMA = """
@@ -43,6 +48,9 @@ CREATE TABLE IF NOT EXISTS entries (
 ) STRICT
 """
 _SIGNALS = "CREATE TABLE IF NOT EXISTS signals (digest TEXT PRIMARY KEY, signals TEXT NOT NULL) STRICT"
+_WITHDRAWN = "CREATE TABLE IF NOT EXISTS withdrawn (digest TEXT PRIMARY KEY, part TEXT NOT NULL) STRICT"
+_BESIDE = 5
+"""Newest parts that the currents of an arriving one are compared with."""
 _FIELDS = 'digest, machine, part, "order", start_time_s, samples, source'
 
 
@@ -71,17 +79,24 @@ class Store:
         """Keep a recording. What was seen before is found again (`new` is False); nothing is written twice: the same
         content, and the same measured samples of the machine, whatever part.json calls them.
 
-        Raises StoreError where the machine already has a part of this name with other content.
+        Raises StoreError where the machine already has a part of this name with other content, where this one was
+        withdrawn, and where its currents are in another unit than those of the machine's other parts.
         """
         digest = content.digest(recording)
         part = recording.part
-        if (known := self._find(digest)) is not None and self.path(digest).exists():
+        known = self._find(digest)
+        if known is not None:
+            self._refuse_withdrawn(digest)
+        if known is not None and self.path(digest).exists():
             return known
         signals = content.signals(recording)
         same = self._measured(part.machine, len(recording), signals)
+        if same is not None:
+            self._refuse_withdrawn(same.digest)
         if same is not None and same.digest != digest:  # its own file may be gone, and is written again
             return self._say_same(same, recording)
         self._refuse_other_content(part.machine, part.part, digest)
+        self.compare_currents(recording)
         self._write(recording, source, self.path(digest))
         row = (digest, part.machine, part.part, part.order, part.start_time_s, len(recording), source)
         with self._connect() as index:
@@ -106,12 +121,77 @@ class Store:
         """The stored part of this machine with the same measured samples, whatever it is called."""
         return self._measured(recording.part.machine, len(recording), content.signals(recording))
 
-    def entries(self, machine: str | None = None) -> tuple[Entry, ...]:
-        """All parts (of one machine) in production order: order, then start time, then digest; unknown ones last."""
+    def compare_currents(self, recording: Recording) -> None:
+        """Whether the currents are as large as those of the machine's newest parts; what is odd is warned of.
+
+        Raises StoreError where they are a thousand times as large, or a thousandth: mA.
+        """
+        others = [entry for entry in self.entries(recording.part.machine) if self.path(entry.digest).exists()]
+        stored = {entry.part: _sizes_of(self.path(entry.digest)) for entry in others[-_BESIDE:]}
+        found = beside(recording.part.part, sizes(recording), stored)
+        if found is not None and found.unit:
+            raise StoreError(found.words)
+        if found is not None:
+            log.warning("%s", found.words)
+
+    def withdraw(self, digest: str) -> None:
+        """Take a part out of the entries and give its name free; nothing is deleted. Once is enough."""
+        with self._connect() as index:
+            index.execute("BEGIN IMMEDIATE")
+            row = index.execute("SELECT part FROM entries WHERE digest = ?", (digest,)).fetchone()
+            known = index.execute("SELECT 1 FROM withdrawn WHERE digest = ?", (digest,)).fetchone()
+            if row is not None and known is None:
+                index.execute("INSERT INTO withdrawn VALUES (?, ?)", (digest, row[0]))
+                aside = f"{row[0]} (withdrawn {digest[:12]})"  # (machine, part) is unique
+                index.execute("UPDATE entries SET part = ? WHERE digest = ?", (aside, digest))
+            index.execute("COMMIT")
+
+    def reinstate(self, digest: str) -> None:
+        """Bring a withdrawn part back. Raises StoreError where another part has its name by now."""
+        with self._connect() as index:
+            index.execute("BEGIN IMMEDIATE")
+            row = index.execute("SELECT part FROM withdrawn WHERE digest = ?", (digest,)).fetchone()
+            if row is not None:
+                try:
+                    index.execute("UPDATE entries SET part = ? WHERE digest = ?", (row[0], digest))
+                except sqlite3.IntegrityError:
+                    index.execute("ROLLBACK")
+                    raise StoreError(
+                        f"part '{row[0]}' ({digest[:12]}) cannot come back: another recording has its name by now. "
+                        "Withdraw that one first."
+                    ) from None
+                index.execute("DELETE FROM withdrawn WHERE digest = ?", (digest,))
+            index.execute("COMMIT")
+
+    def withdrawn(self, machine: str | None = None) -> tuple[Entry, ...]:
+        """Parts that were withdrawn, under the names that they had."""
         if not self._index.exists():
             return ()
         with self._connect() as index:
-            rows = index.execute(f"SELECT {_FIELDS} FROM entries").fetchall()
+            names = dict(index.execute("SELECT digest, part FROM withdrawn").fetchall())
+        found = [replace(entry, part=names[d]) for d in sorted(names) if (entry := self._find(d)) is not None]
+        return tuple(entry for entry in found if machine in (None, entry.machine))
+
+    def why_withdrawn(self, digest: str) -> str:
+        """Why this recording is not taken in again, in words; '' where it was not withdrawn."""
+        gone = next((entry for entry in self.withdrawn() if entry.digest == digest), None)
+        if gone is None:
+            return ""
+        return (
+            f"this recording is part '{gone.part}' of machine '{gone.machine}' ({digest[:12]}), which was withdrawn: "
+            "it is not taken in again. `pido status` says by whom and why, "
+            f"`pido withdraw {digest[:12]} --undo` brings it back."
+        )
+
+    def entries(self, machine: str | None = None) -> tuple[Entry, ...]:
+        """All parts (of one machine) in production order: order, then start time, then digest; unknown ones last.
+        Without those that were withdrawn: whoever learns, judges or compares takes its parts from here."""
+        if not self._index.exists():
+            return ()
+        with self._connect() as index:
+            rows = index.execute(
+                f"SELECT {_FIELDS} FROM entries WHERE digest NOT IN (SELECT digest FROM withdrawn)"
+            ).fetchall()
         last = float("inf")
         found = [entry for row in rows if machine in (None, (entry := Entry(*row)).machine)]
         return tuple(
@@ -202,6 +282,10 @@ class Store:
         )  # fmt: skip
         return same
 
+    def _refuse_withdrawn(self, digest: str) -> None:
+        if gone := self.why_withdrawn(digest):
+            raise StoreError(gone)
+
     def _refuse_other_content(self, machine: str, part: str, digest: str) -> None:
         if not self._index.exists():
             return
@@ -210,7 +294,8 @@ class Store:
         if row is not None and row[0] != digest:
             raise StoreError(
                 f"part '{part}' of machine '{machine}' is in the store with other content "
-                f"(there {row[0][:12]}, here {digest[:12]}). A stored part never changes: give this one its own name."
+                f"(there {row[0][:12]}, here {digest[:12]}). A stored part never changes: give this one its own name, "
+                "or, where the stored one is wrong, take that out first: `pido withdraw`."
             )
 
     def _write(self, recording: Recording, source: str, place: Path) -> None:
@@ -226,9 +311,20 @@ class Store:
                 index.execute("PRAGMA synchronous = FULL")
                 index.execute(_SCHEMA)
                 index.execute(_SIGNALS)
+                index.execute(_WITHDRAWN)
                 yield index
         except sqlite3.DatabaseError as error:
             raise UnavailableError(f"{self._index}: {error}. If it is damaged, restore it from the backup.") from None
+
+
+@lru_cache(maxsize=64)
+def _sizes_of(path: Path) -> Sizes:
+    """Of a stored part, whose content never changes. One whose file is damaged says nothing here."""
+    try:
+        return sizes(content.read(path, COLUMNS, missing_ok=True))
+    except StoreError as error:
+        log.warning("%s Arriving currents are not compared with it.", error)
+        return {}
 
 
 def _same(index: sqlite3.Connection, machine: str, signals: str | None) -> Entry | None:

@@ -13,6 +13,7 @@ import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from pido.core.errors import RegistryError
 from pido.tracking.seal import check, seal, seal_of, whole_lines
@@ -22,10 +23,11 @@ GENESIS = "0" * 64
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One decision. `hash` is the SHA-256 of all other fields; `previous` the hash of the record before."""
+    """One decision. `hash` is the SHA-256 of all other fields that say something; `previous` the hash of the record
+    before. About a part, `version` is 0, `part` its digest and `name` what it was called."""
 
     number: int
-    action: str  # approve, reject, rollback
+    action: str  # approve, reject, rollback; withdraw, reinstate
     machine: str
     version: int
     bundle: str
@@ -34,9 +36,15 @@ class Record:
     at: str  # UTC, ISO 8601
     previous: str
     hash: str = ""
+    part: str = ""
+    name: str = ""
+
+    def plain(self) -> dict[str, Any]:
+        """As it is written: a decision about a version has no part."""
+        return {k: v for k, v in asdict(self).items() if v or k not in ("part", "name")}
 
     def sealed(self) -> Record:
-        fields = {k: v for k, v in asdict(self).items() if k != "hash"}
+        fields = {k: v for k, v in self.plain().items() if k != "hash"}
         return Record(**fields, hash=hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest())
 
 
@@ -61,12 +69,23 @@ def read(path: Path) -> list[Record]:
 
 
 def next_record(
-    path: Path, *, action: str, machine: str, version: int, bundle: str, by: str, reason: str, at: str
+    path: Path,
+    *,
+    action: str,
+    machine: str,
+    version: int = 0,
+    bundle: str = "",
+    by: str,
+    reason: str,
+    at: str,
+    part: str = "",
+    name: str = "",
 ) -> Record:
     """The record that would be appended now."""
     records = read(path)
     previous = records[-1].hash if records else GENESIS
-    return Record(len(records) + 1, action, machine, version, bundle, by, reason, at, previous).sealed()
+    number = len(records) + 1
+    return Record(number, action, machine, version, bundle, by, reason, at, previous, part=part, name=name).sealed()
 
 
 def append(path: Path, record: Record) -> None:
@@ -80,7 +99,7 @@ def append(path: Path, record: Record) -> None:
             raise RegistryError(
                 f"{path}: another decision was written meanwhile. Look at `pido status` and decide again."
             )
-        _write(path, json.dumps(asdict(record), sort_keys=True).encode() + b"\n")
+        _write(path, json.dumps(record.plain(), sort_keys=True).encode() + b"\n")
     seal(path)
 
 

@@ -90,6 +90,7 @@ def test_an_added_machine_can_be_used_by_its_name(tmp_path):
     assert machine.axes["x"].v_max == 1000.0
     assert machine.spindle_max_deg_s == 24_000 * 6
     assert config.machine_config("portal", path).channels() == {"x": "X1"}
+    assert machine.current_max_a == {"x": 60.0, "sp": 45.0}
 
 
 def test_a_machine_that_is_not_known_comes_with_the_line_that_makes_it_known(tmp_path):
