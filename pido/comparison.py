@@ -4,7 +4,8 @@ In:  a workspace, a challenger's parts and how it was made. Out: the gate's verd
 
 The challenger's error on a part is that of models made in the same way without it, as they stood when the part came:
 the ledger has it. What was made in another way says nothing of this challenger and is not used, nor what was measured
-on other rows than the champion can be measured on now: an alarm answered since takes its rows out of a part.
+on other rows than the champion can be measured on now: an alarm answered since takes its rows out of a part. A part
+that is withdrawn judges nothing, nor do errors of models that had learnt from one.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from pido.store import Store
 from pido.tracking import bundle, model_files, promotion
 from pido.tracking.ledger import Iteration, Ledger, Version
 from pido.tracking.report_files import foretold_at
+from pido.tracking.withdrawn import withdrawn
 from pido.workspace import Workspace, code_version
 
 Making = dict[str, Any]
@@ -65,11 +67,11 @@ def verdict(
     """
     now = promotion.champion_bundle(workspace, machine)
     learnt = set() if now is None else set(now.content["parts"])
-    history = _History(workspace, machine, making)
+    history, gone = _History(workspace, machine, making), withdrawn(workspace, machine)
     usable: dict[str, Any] = {}
     otherwise = 0
     for digest in reversed(parts):
-        if digest in learnt or len(usable) == workspace.settings.gate_parts:
+        if digest in learnt or digest in gone or len(usable) == workspace.settings.gate_parts:
             continue
         found = measured[digest] if digest in measured else history.of(digest)
         if found:
@@ -109,6 +111,7 @@ class _History:
         self._bundles = {v.version: v.bundle for v in ledger.versions(machine)}
         self._done = [one for one in ledger.iterations(machine) if one.summary.get("metrics")]
         self.measured = {one.part for one in self._done}
+        self._spoilt = promotion.trained_on_withdrawn(workspace, machine)
 
     def of(self, part: str) -> dict[str, Any] | None:
         """Metrics of a part by its newest iteration that counts, or None."""
@@ -116,6 +119,8 @@ class _History:
         return next((one.summary["metrics"] for one in mine if self._counts(one)), None)
 
     def _counts(self, one: Iteration) -> bool:
+        if one.version in self._spoilt:
+            return False
         digest = self._bundles[one.version]
         # Of a bundle that somebody has cleared away nobody can say how it was made.
         there = (self._workspace.bundles / digest).exists()

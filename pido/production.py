@@ -46,6 +46,8 @@ from pido.store import Store
 from pido.tracking import bundle, mirror, model_files
 from pido.tracking.ledger import Ledger
 from pido.tracking.report_files import OTHER_END, RunFiles
+from pido.tracking.withdrawn import withdrawn
+from pido.withdrawal import settle
 from pido.workspace import Workspace, code_version, digest_of
 
 __all__ = ["STAGES", "begin", "clear", "done", "every_machine", "ingest", "log", "machines", "models_in", "outcome"]
@@ -144,20 +146,21 @@ def begin(root: str, machine: str, part: str | None) -> str:
     before, retrains on what is known, and the newest part in production order is what the models are compared on.
 
     The parts are those that went through an iteration already, and the arriving one: a part that was only put into
-    the store waits for its own turn. What people said not to learn from and the settings are fixed here, for all
-    stages: an answer that comes meanwhile, or a change of `workspace.toml`, counts for the next iteration.
+    the store waits for its own turn, and one that was withdrawn is none of them. What people said not to learn from and
+    the settings are fixed here, for all stages: an answer that comes meanwhile, or a change of `workspace.toml`, counts
+    for the next iteration.
     """
     workspace = Workspace.open(root)
     excluded = workspace.excluded(machine)
     workspace = workspace.excluding(machine, excluded)
+    settle(workspace, machine)
     ledger = Ledger(workspace.ledger)
     before = ledger.parts(machine)
     known = {*before, *([part] if part else [])}
     order = [e.digest for e in Store(workspace.store).entries() if e.digest in known]
     if not order:
-        raise StoreError(
-            f"{workspace.root}: machine '{machine}' has no parts yet. Bring one in with `pido iterate PART`."
-        )
+        none = "only parts that are withdrawn" if known else "no parts yet"
+        raise StoreError(f"{workspace.root}: machine '{machine}' has {none}. Bring one in with `pido iterate PART`.")
     key = workspace.run_key(machine, order)
     if ledger.iteration(key) is not None:
         return key
@@ -165,7 +168,7 @@ def begin(root: str, machine: str, part: str | None) -> str:
         plan = stale / "plan.json"
         if stale.name != key and plan.exists() and json.loads(plan.read_text())["machine"] == machine:
             shutil.rmtree(stale)  # the machine's lock is ours: nobody works there any more
-    arriving = part if part and part not in before else order[-1]
+    arriving = part if part in order and part not in before else order[-1]
     elsewhere = {"tracking_uri", "tracking_page", "approval_token_sha256"}  # decide nothing of what is found
     settings = workspace.settings.model_dump(mode="json", exclude=elsewhere)
     plan = {"machine": machine, "part": arriving, "parts": order, "excluded": excluded, "settings": settings}
@@ -291,6 +294,7 @@ def publish(place: _Place) -> None:
         "machine": plan["machine"],
         "part": {"digest": plan["part"], "name": name},
         "parts": plan["parts"],
+        "withdrawn": [record.name for record in withdrawn(workspace, plan["machine"]).values()],
         "settings": settings,
         "seed": place.seed,
         "code": code_version(),
@@ -307,7 +311,8 @@ def publish(place: _Place) -> None:
     RunFiles(summary, frame(generated), table, _trace(place)).save(workspace.runs)
     version = Ledger(workspace.ledger).finished(
         place.folder.name, plan["machine"], plan["part"], name, made.digest, found["gate"],
-        {k: summary[k] for k in ("part", "metrics", "gate", "balance", "physics")} | {"n_parts": len(plan["parts"])},
+        {k: summary[k] for k in ("part", "metrics", "gate", "balance", "physics", "withdrawn")}
+        | {"n_parts": len(plan["parts"])},
     )  # fmt: skip
     log_.info("%s: version %d, %d part(s)", name, version, len(plan["parts"]))
 

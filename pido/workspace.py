@@ -277,6 +277,10 @@ class Workspace:
         """The same workspace, in which an answer that comes later changes nothing of what is learnt from."""
         return replace(self, planned={**self.planned, machine: excluded})
 
+    def decisions(self, machine: str) -> Path:
+        """The file that `pido.tracking.audit` keeps."""
+        return self.registry / file_name(machine) / "audit.jsonl"
+
     def physics_journal(self, machine: str) -> Path:
         """The file that `pido.physics_journal` keeps."""
         return self.registry / f"{file_name(machine)}-physics.jsonl"

@@ -31,6 +31,7 @@ VERBS = {
     "approve": "promote a model version that passed its gate",
     "reject": "refuse a model version, with the reason",
     "rollback": "bring the previous champion back",
+    "withdraw": "take a part out that was recorded or exported wrongly, or bring it back",
     "experiment": "run an experiment of the paper, or the tool's own proofs",
     "report": "write the page of an iteration, a plan, an experiment or a monitor run",
 }

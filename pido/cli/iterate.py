@@ -69,6 +69,7 @@ def _known(workspace: Workspace, path: Path) -> bool:
     imported to find out."""
     from pido.core.errors import StoreError
     from pido.tracking.ledger import Ledger
+    from pido.tracking.withdrawn import parts
     from pido.workspace import arrival_digest
 
     if not workspace.ledger.exists():
@@ -81,9 +82,10 @@ def _known(workspace: Workspace, path: Path) -> bool:
     if arrival is None or arrival.part is None:
         return False
     machine = ledger.machine_of(arrival.part)
-    if machine is None:
-        return False
-    done = ledger.iteration(workspace.run_key(machine, ledger.parts(machine))) is not None
+    counted = [] if machine is None else parts(workspace, machine)
+    if machine is None or arrival.part not in counted:
+        return False  # `run` does it, or says that it was withdrawn
+    done = ledger.iteration(workspace.run_key(machine, counted)) is not None
     return done and not ledger.not_logged(workspace.tracking_place)
 
 
@@ -99,6 +101,8 @@ def _say(answer: dict[str, Any], as_json: bool) -> None:
         for words in one.get("physics", {}).get("words", []):
             click.echo(f"  {words}")
         click.echo(f"  gate: {one['gate']['words']}")
+        if one.get("withdrawn"):
+            click.echo(f"  trained without what is withdrawn: {', '.join(one['withdrawn'])}")
     if answer["known"]:
         click.echo(f"{answer['known']} part(s) known already: nothing to do")
     if not (answer["done"] or answer["known"] or answer["rejected"]):

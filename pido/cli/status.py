@@ -30,6 +30,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     from pido.tracking import promotion
     from pido.tracking.ledger import Ledger
     from pido.tracking.moved import left_behind
+    from pido.tracking.withdrawn import parts, withdrawn
 
     workspace = existing(folder)
     ledger = Ledger(workspace.ledger)
@@ -40,7 +41,12 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     answer = {
         "machines": {
             machine: {
-                "parts": len(ledger.parts(machine)),
+                "parts": len(parts(workspace, machine)),
+                "withdrawn": [
+                    {"part": r.name, "digest": r.part, "by": r.by, "at": r.at, "reason": r.reason}
+                    for r in withdrawn(workspace, machine).values()
+                ],
+                "learnt_from_withdrawn": promotion.trained_on_withdrawn(workspace, machine),
                 "versions": [
                     {**asdict(s.version), "state": s.state, "judged_again": promotion.outdated(s.version, now[machine])}
                     for s in promotion.standings(workspace, machine)
@@ -78,10 +84,15 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                     click.echo(
                         "               not compared with the champion in force: approving judges it again first"
                     )
+                if v["state"] == "champion" and (gone := state["learnt_from_withdrawn"].get(v["version"])):
+                    click.echo(f"               has learnt from what is withdrawn: {', '.join(gone)}")
+        for r in state["withdrawn"]:
+            about = f"{r['part']} ({r['digest'][:12]})  by {r['by']}, {r['at']}: {r['reason']}"
+            click.echo(f"  withdrawn  {about}")
         for e in state["physics"]:
             click.echo(f"  physics {e['id']}  {e['outcome']} ({e['by']}: {e['reason']})")
         if history:
-            decided = [(r["at"], f"{r['action']} {r['version']}", r) for r in state["decisions"]]
+            decided = [(r["at"], f"{r['action']} {r['name'] or r['version']}", r) for r in state["decisions"]]
             decided += [(e["at"], f"{e['action']} physics {e['id']}", e) for e in state["physics_decisions"]]
             for at, what, who in sorted(decided, key=lambda d: d[0]):
                 click.echo(f"  {at}  {what} by {who['by']}: {who['reason']}")

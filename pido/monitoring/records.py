@@ -65,7 +65,7 @@ def alarms(records: Sequence[Record]) -> dict[str, Record]:
 def raised(records: Sequence[Record]) -> dict[str, Record]:
     """By identifier: every alarm there ever was, as it was said last."""
     return {
-        alarm["id"]: {**alarm, "part": record["part"], "digest": record["digest"]}
+        alarm["id"]: {**alarm, "part": record["part"], "digest": record["digest"], "at": record.get("at", "")}
         for record in records
         if record["kind"] == "verdict"
         for alarm in record["alarms"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import unquote
@@ -25,6 +25,7 @@ from pido.monitoring.answers import Answer
 from pido.store import Store
 from pido.tracking.ledger import Ledger
 from pido.tracking.promotion import check_person
+from pido.tracking.withdrawn import withdrawn
 from pido.workspace import Workspace, digest_of
 
 _ALARM = ("part", "axis", "t_start", "t_end", "tool", "block", "size_a", "spreads")
@@ -71,36 +72,55 @@ class Book:
 
     def answers(self) -> list[Answer]:
         """What was said last of each alarm; `Alarm.part` is the part's digest."""
-        alarms, stored = self.alarms(), self._stored()
+        alarms, owner = self.alarms(), self._owners()
         return [
-            Answer(_as_alarm(alarms[i], stored), r["true"], r["by"], r["reason"])
+            Answer(_as_alarm(alarms[i], owner(alarms[i])), r["true"], r["by"], r["reason"])
             for i, r in self._said().items()
             if i in alarms
         ]
 
     def answered(self) -> dict[str, str]:
-        """What was said last of each alarm, in words."""
-        return {i: f"{'true' if r['true'] else 'false'} alarm, says {r['by']}" for i, r in self._said().items()}
+        """What was said last of each alarm, or of its part where that was withdrawn, in words."""
+        gone, owner = withdrawn(self._workspace, self.machine), self._owners()
+        out = {i: gone[part] for i, alarm in self.raised().items() if (part := owner(alarm)) in gone} if gone else {}
+        said = {i: f"{'true' if r['true'] else 'false'} alarm, says {r['by']}" for i, r in self._said().items()}
+        return {i: f"withdrawn with its part, says {record.by}" for i, record in out.items()} | said
 
     def open_alarms(self) -> list[Alarm]:
-        """Alarms that nobody has answered yet, `part` being the digest."""
-        answered, stored = self._said(), self._stored()
-        return [_as_alarm(alarm, stored) for name, alarm in self.alarms().items() if name not in answered]
+        """Alarms that nobody has answered yet, `part` being the digest; none of parts that are withdrawn."""
+        answered, owner, gone = self._said(), self._owners(), withdrawn(self._workspace, self.machine)
+        return [
+            _as_alarm(alarm, part)
+            for name, alarm in self.alarms().items()
+            if name not in answered and (part := owner(alarm)) not in gone
+        ]
 
     def unjudged(self) -> set[str]:
         """Digests of parts of which the newest verdict says that they could not be judged."""
-        stored = self._stored()
+        owner = self._owners()
         verdicts = [r for r in self.records() if r["kind"] == "verdict"]
-        return records.unjudged([{**r, "digest": _content(r["digest"], stored)} for r in verdicts])
+        return records.unjudged([{**r, "digest": owner(r)} for r in verdicts])
 
     def learnt_from(self, digest: str) -> bool:
         """Whether this part was taken in and went through an iteration, so that model and band know it."""
         known = Ledger(self._workspace.ledger).iterations(self.machine)
-        return _content(digest, self._stored()) in {iteration.part for iteration in known}
+        return self._owners()({"digest": digest}) in {iteration.part for iteration in known}
 
-    def _stored(self) -> dict[str, str]:
-        """Digests of the parts that were taken in, by name."""
-        return {e.part: e.digest for e in Store(self._workspace.store).entries(self.machine)}
+    def _owners(self) -> Callable[[Mapping[str, Any]], str]:
+        """From a record to the digest of its part. Of a part that was followed: of the one that was taken in under its
+        name, if there is one; a verdict from before that was withdrawn is no word on its successor."""
+        stored = {e.part: e.digest for e in Store(self._workspace.store).entries(self.machine)}
+        gone = withdrawn(self._workspace, self.machine).values()
+
+        def owner(record: Mapping[str, Any]) -> str:
+            digest = str(record["digest"])
+            name = records.name_in(digest)
+            if name is None:
+                return digest
+            before = [r.part for r in gone if r.name == name and record.get("at", "~") <= r.at]
+            return before[0] if before else stored.get(name, digest)
+
+        return owner
 
     def _said(self) -> dict[str, dict[str, Any]]:
         return records.said(self.records())
@@ -127,14 +147,9 @@ def alarm_id(machine: str, digest: str, alarm: Alarm) -> str:
     return digest_of([machine, digest, alarm.axis, round(alarm.t_start, 1)])[:10]
 
 
-def _as_alarm(record: dict[str, Any], stored: Mapping[str, str]) -> Alarm:
-    """An alarm from its record, its `part` being the digest."""
-    return Alarm(**{**{name: record[name] for name in _ALARM}, "part": _content(record["digest"], stored)})
-
-
-def _content(digest: str, stored: Mapping[str, str]) -> str:
-    """Of a part that was followed: the digest of the one that was taken in under its name, if there is one."""
-    return stored.get(records.name_in(digest) or "", digest)
+def _as_alarm(record: dict[str, Any], part: str) -> Alarm:
+    """An alarm from its record. part : its digest"""
+    return Alarm(**{**{name: record[name] for name in _ALARM}, "part": part})
 
 
 def find_alarm(workspace: Workspace, alarm: str) -> Book:

@@ -37,8 +37,9 @@ from pido.monitoring.doubt import Support
 from pido.monitoring.residuals import WINDOW_S, PartResiduals
 from pido.monitoring.standing import explained, other_end
 from pido.parts import at_rate, lost_of, machine_of, recipe_of, samples_of
+from pido.rows import training_rows
 from pido.store import Store
-from pido.tracking import report_files
+from pido.tracking import promotion, report_files
 from pido.tracking.bundle import Bundle
 from pido.tracking.ledger import Iteration, Ledger
 from pido.workspace import Workspace
@@ -79,25 +80,42 @@ def known_residuals(
     Of more parts, those count whose models had seen at least half as many parts as this version. A part whose run files
     are gone is left out, and the log says so. Parts that are new to the version, the last MOST_PARTS of them, are
     predicted by its own models.
+    A part that is withdrawn is none of them. What was said of a part by models that had learnt from one does not count:
+    the last FEW of those are predicted anew.
     """
-    last = {i.part: i for i in Ledger(workspace.ledger).iterations(machine)}
+    last, clean = _newest(workspace, machine)
     order = [e.digest for e in Store(workspace.store).entries(machine) if e.digest in last and e.digest != without]
     learnt = [digest for digest in order if digest in version.content["parts"]]
     new = [digest for digest in order if digest not in version.content["parts"]][-MOST_PARTS:]
     recipe = replace(recipe_of(workspace), inputs=models.inputs)
     if 1 < len(learnt) <= FEW:
-        found = _each_by_the_others(workspace, machine, learnt, recipe)
+        found = _each_by_the_others(workspace, machine, learnt, learnt, recipe)
     else:
         later = learnt[len(learnt) // 2 if len(learnt) > FEW else 0 :]
-        found = [one for digest in later if (one := _kept(workspace, last[digest], recipe))]
+        found = [one for digest in later if digest in clean and (one := _kept(workspace, clean[digest], recipe))]
+        spoilt = [digest for digest in later if digest not in clean][-FEW:] if len(learnt) > 1 else []
+        found += _each_by_the_others(workspace, machine, spoilt, learnt, recipe)
     found += _by_itself(workspace, machine, version, models, new)
     return sorted(found, key=lambda one: order.index(one.part))
 
 
 def held_out(workspace: Workspace, machine: str, digest: str, inputs: InputKind) -> PartResiduals | None:
     """The residuals of one known part by models that had not seen it, or None; with the inputs that a version takes."""
-    mine = [i for i in Ledger(workspace.ledger).iterations(machine) if i.part == digest]
-    return _kept(workspace, mine[-1], replace(recipe_of(workspace), inputs=inputs)) if mine else None
+    last, clean = _newest(workspace, machine)
+    recipe = replace(recipe_of(workspace), inputs=inputs)
+    if digest in clean:
+        return _kept(workspace, clean[digest], recipe)
+    order = [e.digest for e in Store(workspace.store).entries(machine) if e.digest in last]
+    if digest not in order or len(order) == 1:
+        return None
+    return _each_by_the_others(workspace, machine, [digest], order, recipe)[0]
+
+
+def _newest(workspace: Workspace, machine: str) -> tuple[dict[str, Iteration], dict[str, Iteration]]:
+    """By part, its newest iteration, and its newest whose models had learnt from no part that is withdrawn."""
+    done = Ledger(workspace.ledger).iterations(machine)
+    spoilt = promotion.trained_on_withdrawn(workspace, machine)
+    return {i.part: i for i in done}, {i.part: i for i in done if i.version not in spoilt}
 
 
 def support(workspace: Workspace, digests: Sequence[str], inputs: InputKind) -> Support:
@@ -166,22 +184,23 @@ def _by_itself(
 
 
 def _each_by_the_others(
-    workspace: Workspace, machine: str, order: Sequence[str], recipe: Recipe
+    workspace: Workspace, machine: str, wanted: Sequence[str], order: Sequence[str], recipe: Recipe
 ) -> list[PartResiduals]:
+    """Of each of the parts `wanted`, by models of all others of `order`."""
     key = workspace.run_key(machine, list(order))[:24]
-    paths = {digest: workspace.derived / f"held-out-{key}-{digest[:12]}.parquet" for digest in order}
+    paths = {digest: workspace.derived / f"held-out-{key}-{digest[:12]}.parquet" for digest in wanted}
     if not all(_is_kept(path, recipe.inputs) for path in paths.values()):
-        samples = {digest: samples_of(workspace, digest) for digest in order}
-        for digest in order:
+        limit, seed = workspace.settings.method.rows_max, workspace.settings.seed
+        for digest in wanted:
             others = [d for d in order if d != digest]
-            rest, mine = Samples.concat([samples[d] for d in others]), model_inputs(samples[digest], recipe.inputs)
-            seed = workspace.settings.seed
+            samples, rest = samples_of(workspace, digest), training_rows(workspace, machine, others, limit)
+            mine = model_inputs(samples, recipe.inputs)
             models = AxisModels.fit(rest, choice=recipe.estimators, inputs=recipe.inputs, seed=seed)
             doubt = support(workspace, others, recipe.inputs).distance(mine)
             recording = at_rate(workspace, _bare(Store(workspace.store).load(digest)))
             said = Said.by(models, mine, machine_of(workspace, machine))
             lost = lost_of(workspace, digest)
-            _save(on_the_clock(digest, recording, samples[digest], mine, said, doubt, lost)[0], paths[digest])
+            _save(on_the_clock(digest, recording, samples, mine, said, doubt, lost)[0], paths[digest])
     return [_load(digest, path) for digest, path in paths.items()]
 
 

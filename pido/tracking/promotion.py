@@ -16,7 +16,7 @@ import hmac
 import json
 import os
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from pido.core.clock import utc_now
@@ -28,6 +28,7 @@ from pido.tracking import audit
 from pido.tracking.audit import Record
 from pido.tracking.bundle import Bundle, load, verify
 from pido.tracking.ledger import Ledger, Version
+from pido.tracking.withdrawn import parts, withdrawn
 from pido.workspace import Workspace
 
 TOKEN = "PIDO_APPROVAL_TOKEN"
@@ -82,17 +83,17 @@ def standings(workspace: Workspace, machine: str) -> list[Standing]:
 
 def current(workspace: Workspace, machine: str) -> Version | None:
     """The version of today's parts, settings and physics, whatever was trained after it. Where none was trained for
-    them yet, the newest without physics that is revoked; None where there is none."""
+    them yet, the newest without physics that is revoked and parts that are withdrawn; None where there is none."""
     ledger = Ledger(workspace.ledger)
     versions = {v.version: v for v in ledger.versions(machine)}
     try:
-        today = ledger.iteration(workspace.run_key(machine, ledger.parts(machine)))
+        today = ledger.iteration(workspace.run_key(machine, parts(workspace, machine)))
     except (SettingsError, OSError):
         today = None  # settings that cannot be read have no version; `pido iterate` says what is wrong with them
     if today is not None:
         return versions[today.version]
-    revoked = _revoked(workspace, machine)
-    return next((v for number, v in reversed(versions.items()) if number not in revoked), None)
+    out = _revoked(workspace, machine).keys() | trained_on_withdrawn(workspace, machine).keys()
+    return next((v for number, v in reversed(versions.items()) if number not in out), None)
 
 
 def _revoked(workspace: Workspace, machine: str) -> dict[int, list[str]]:
@@ -109,8 +110,37 @@ def _revoked(workspace: Workspace, machine: str) -> dict[int, list[str]]:
     return {version: gone for version, gone in without.items() if gone}
 
 
+def trained_on_withdrawn(workspace: Workspace, machine: str) -> dict[int, list[str]]:
+    """Versions that have learnt from parts that are withdrawn, and from which, by name."""
+    gone = withdrawn(workspace, machine)
+    if not gone:
+        return {}
+    found: dict[int, list[str]] = {}
+    for version in Ledger(workspace.ledger).versions(machine):
+        # A bundle that somebody has cleared away is approved by nobody.
+        there = (workspace.bundles / version.bundle).exists()
+        learnt = load(workspace.bundles, version.bundle).content.get("parts", []) if there else []
+        if names := [record.name for digest, record in gone.items() if digest in learnt]:
+            found[version.version] = names
+    return found
+
+
+def about_part(
+    workspace: Workspace, action: str, machine: str, part: str, *, name: str, by: str, reason: str
+) -> Record:
+    """Put a decision about a part on record. What follows from it is the caller's (`pido.withdrawal`)."""
+    with _deciding(workspace, machine):
+        _recover(workspace, machine)
+        path = _log(workspace, machine)
+        record = audit.next_record(
+            path, action=action, machine=machine, part=part, name=name, by=by, reason=reason, at=utc_now()
+        )
+        audit.append(path, record)
+        return record
+
+
 def history(workspace: Workspace, machine: str) -> list[Record]:
-    """All decisions on a machine's versions, oldest first; the chain is checked."""
+    """All decisions on a machine's versions and parts, oldest first; the chain is checked."""
     return _complete(audit.read(_log(workspace, machine)), champion(workspace, machine))
 
 
@@ -118,8 +148,8 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
     """Put `version` in force. Approving the champion again changes nothing.
 
     Raises RegistryError if there is no such version, its gate was not passed, or passed beside another champion than
-    the one in force (`pido.approval` judges it again), it was rejected or trained with physics that is revoked, its
-    bundle is damaged, or the credential is wrong.
+    the one in force (`pido.approval` judges it again), it was rejected or trained with physics that is revoked or on a
+    part that is withdrawn, its bundle is damaged, or the credential is wrong.
     """
     check_person(workspace, by, reason)
     with _deciding(workspace, machine):
@@ -139,7 +169,7 @@ def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason
 
 def check_version(workspace: Workspace, version: Version) -> None:
     """Raises RegistryError where nobody may approve `version`: its gate was not passed, it was rejected or trained with
-    physics that is revoked, or its bundle is damaged."""
+    physics that is revoked or on a part that is withdrawn, or its bundle is damaged."""
     named, number = f"{version.machine} version {version.version}", version.version
     if not version.gate.get("passed"):
         raise RegistryError(
@@ -152,6 +182,11 @@ def check_version(workspace: Workspace, version: Version) -> None:
         raise RegistryError(
             f"{named} was trained with physics that is revoked: {', '.join(gone)}. `pido iterate` trains without it, "
             "or finds the version that was, and `pido status` says which that is."
+        )
+    if gone := trained_on_withdrawn(workspace, version.machine).get(number):
+        raise RegistryError(
+            f"{named} has learnt from what is withdrawn: part {', '.join(gone)}. `pido iterate` trains without it, or "
+            "finds the version that was, and `pido status` says which that is."
         )
     verify(load(workspace.bundles, version.bundle))
 
@@ -188,7 +223,7 @@ def reject(workspace: Workspace, machine: str, version: int, *, by: str, reason:
 
 def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Record:
     """Put the champion before the present one back in force; called again, the one before that. What was rejected
-    since, or trained with physics that was revoked since, is passed over.
+    since, or trained with physics that was revoked or on parts that were withdrawn since, is passed over.
 
     Raises RegistryError where none is left, its bundle is damaged, or the credential is wrong.
     """
@@ -200,6 +235,7 @@ def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Rec
         no_more = {
             "rejected since": {r.version for r in past if r.action == "reject"},
             "physics revoked since": set(_revoked(workspace, machine)),
+            "parts withdrawn since": set(trained_on_withdrawn(workspace, machine)),
         }
         left = [v for v in before if v != now and not any(v in versions for versions in no_more.values())]
         if not left:
@@ -234,7 +270,7 @@ def _deciding(workspace: Workspace, machine: str) -> AbstractContextManager[None
 
 def _put_in_force(workspace: Workspace, action: str, version: Version, by: str, reason: str) -> Record:
     record = _record(workspace, action, version, by, reason)
-    write_atomically(_pointer(workspace, version.machine), json.dumps(asdict(record), sort_keys=True, indent=1))
+    write_atomically(_pointer(workspace, version.machine), json.dumps(record.plain(), sort_keys=True, indent=1))
     audit.append(_log(workspace, version.machine), record)
     return record
 
@@ -300,4 +336,4 @@ def _pointer(workspace: Workspace, machine: str) -> Path:
 
 
 def _log(workspace: Workspace, machine: str) -> Path:
-    return workspace.registry / file_name(machine) / "audit.jsonl"
+    return workspace.decisions(machine)

@@ -208,6 +208,7 @@ READS = {
     "approve": "approve 1 --by me --reason r -w NOTHING",
     "reject": "reject 1 --by me --reason r -w NOTHING",
     "rollback": "rollback --by me --reason r -w NOTHING",
+    "withdraw": "withdraw p1 --by me --reason r -w NOTHING",
     "experiment": "experiment local-vs-global --data NOTHING --out e",
     "experiment, job": "experiment local-vs-global --job NOTHING --out e",
     "experiment, machine": "experiment extended-equation --data NOTHING --out e",
