@@ -14,6 +14,7 @@ that may not be approved, or any decision where the worker lacks the credential.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 from prefect import flow, get_run_logger
@@ -27,7 +28,7 @@ from pydantic import Field
 from flows.ownership import key
 from flows.pages import in_markdown
 from flows.submit import alive
-from pido.approval import approve, refusal
+from pido.approval import approve, doubts, refusal
 from pido.core.errors import RegistryError
 from pido.tracking import mirror, promotion
 from pido.tracking.audit import Record
@@ -75,7 +76,9 @@ def promote(workspace: str, machine: str, version: int) -> State:
         asked = Rejection if refused else Decision
         # Waiting, the run has no process and holds no lock; answered, it has both again.
         answer = suspend_flow_run(
-            wait_for_input=asked.with_initial_data(description=form(standing.version, refused)),
+            wait_for_input=asked.with_initial_data(
+                description=form(standing.version, refused, doubts(place, standing.version))
+            ),
             timeout=WAIT_S,
             key=digest_of([machine, version])[:16],  # Prefect's keys take no spaces, slashes or umlauts
         )
@@ -86,13 +89,17 @@ def promote(workspace: str, machine: str, version: int) -> State:
         return _said(decided(record), place, machine)
 
 
-def form(version: Version, refused: str) -> str:
-    """What stands over the form, Markdown. refused : why approval is not offered, '' where it is"""
+def form(version: Version, refused: str, warned: Sequence[str] = ()) -> str:
+    """What stands over the form, Markdown.
+
+    refused : why approval is not offered, '' where it is; warned : what is to be known beside the gate's words
+    """
     title = in_markdown(f"{version.machine}: version {version.version}")
     passed = [f"Gate passed: {in_markdown(version.gate.get('words', ''))}."] if version.gate.get("passed") else []
     may = f"Approval is not offered: {in_markdown(refused)}" if refused else "Approve puts it in force."
     final = "**Reject is final: a version that was rejected can never be approved.** To decide later, close this form."
-    return "\n\n".join([f"# {title}", *passed, may, final])
+    warnings = [f"Warning: {in_markdown(each)}." for each in warned]
+    return "\n\n".join([f"# {title}", *passed, *warnings, may, final])
 
 
 def decided(record: Record) -> str:

@@ -4,7 +4,8 @@ In:  a version that passed its gate, and a person's decision with name and reaso
 Out: the record of the decision (`pido.tracking.promotion`); for whoever asks people, why there would be none.
 
 A gate compares with the champion of its day. Where another one is in force by now, as behind a form that waited for
-weeks, the version is judged again beside that one, and a person's word counts only if it passes.
+weeks, the version is judged again beside that one, and a person's word counts only if it passes. Nor does it count
+while the parts that the gate judged by are full of alarms that nobody has answered.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from pido.workspace import Workspace
 def approve(workspace: Workspace, machine: str, version: int, *, by: str, reason: str) -> Record:
     """Put `version` in force. Approving the champion again changes nothing.
 
-    Raises RegistryError for what `promotion.approve` raises it for, and where the version does not pass beside the
-    champion in force.
+    Raises RegistryError for what `promotion.approve` raises it for, where the version does not pass beside the
+    champion in force, and where the parts of its gate are full of open alarms.
     """
     promotion.check_person(workspace, by, reason)
-    if gate := _beside_the_champion(workspace, promotion.version_of(workspace, machine, version)):
+    found = promotion.version_of(workspace, machine, version)
+    if gate := _beside_the_champion(workspace, found):
         Ledger(workspace.ledger).judged(machine, version, gate)
+    _check_alarms(workspace, found)
     return promotion.approve(workspace, machine, version, by=by, reason=reason)
 
 
@@ -34,10 +37,29 @@ def refusal(workspace: Workspace, version: Version) -> str:
     """Why `approve` would refuse `version` as things stand, whoever asks; '' where it would not. Nothing is written."""
     try:
         promotion.check_version(workspace, version)
+        _check_alarms(workspace, version)
         _beside_the_champion(workspace, version)
     except PidoError as error:
         return str(error)
     return ""
+
+
+def doubts(workspace: Workspace, version: Version) -> list[str]:
+    """What whoever approves `version` is to know beside the gate's words: open alarms as of now, errors beyond all."""
+    from pido.comparison import alarms_now
+
+    return [*alarms_now(workspace, version)[1], *version.gate.get("doubts", ())]
+
+
+def _check_alarms(workspace: Workspace, version: Version) -> None:
+    now = promotion.champion(workspace, version.machine)
+    in_force = now is not None and now.version == version.version
+    if in_force or not version.gate.get("passed") or not workspace.book(version.machine).exists():
+        return
+    from pido.comparison import alarms_now
+
+    if why := alarms_now(workspace, version)[0]:
+        raise RegistryError(why)
 
 
 def _beside_the_champion(workspace: Workspace, version: Version) -> dict[str, Any] | None:

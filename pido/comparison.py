@@ -20,10 +20,11 @@ from pido.core.errors import RegistryError
 from pido.core.samples import Samples
 from pido.models.axis_models import AxisModels
 from pido.models.metrics import metrics
-from pido.models.promotion import gate
+from pido.models.promotion import covered, gate, open_alarms
 from pido.models.rivals import RIVALS
-from pido.parts import samples_of
+from pido.parts import at_rate, samples_of
 from pido.store import Store
+from pido.supervision.book import Book
 from pido.tracking import bundle, model_files, promotion
 from pido.tracking.ledger import Iteration, Ledger, Version
 from pido.tracking.report_files import foretold_at
@@ -96,10 +97,51 @@ def verdict(
             found = metrics(path.currents, champion.predict(path))
             theirs[digest] = np.array([found[axis].rmse for axis in AXES])
     others = {name: rmse(name) for name in RIVALS if name != "constant"}
-    said = gate(rmse("both"), theirs, rmse("constant"), others=others)
+    mine = rmse("both")
+    earlier = {
+        d: history.before(d, parts) | {p: mine[p] for p in mine if parts.index(p) < parts.index(d)} for d in mine
+    }
+    alarmed = alarmed_shares(workspace, machine, list(usable))
+    said = gate(mine, theirs, rmse("constant"), others=others, alarmed=alarmed, earlier=earlier)
     return {"passed": bool(said.passed), "words": said.words, "parts": list(usable)[::-1],
             "champion": None if now is None else now.digest, "warnings": list(said.warnings),
+            "alarms": list(said.alarms), "doubts": list(said.doubts),
             "change": {a.axis: a.change for a in said.axes}}  # fmt: skip
+
+
+def alarms_now(workspace: Workspace, version: Version) -> tuple[str, tuple[str, ...]]:
+    """(Why nobody may approve `version` before the alarms on its gate's parts are answered, or ''; what is to be said
+    of them all the same). A monitor may have spoken since the gate did."""
+    parts = version.gate.get("parts", [])
+    shares = alarmed_shares(workspace, version.machine, parts)
+    full = covered(parts, shares)
+    axes = ", ".join(f"{axis} {share:.0%}" for axis, share in full.items())
+    why = (
+        f"{version.machine} version {version.version}: alarms that nobody has answered cover more than half of the "
+        f"part(s) that its gate judged it by ({axes}), so nothing is known of it there. Say what they were (`pido "
+        "monitor answer`), or take the part out (`pido withdraw`)."
+    )
+    return (why if full else ""), open_alarms(parts, shares)
+
+
+def alarmed_shares(workspace: Workspace, machine: str, parts: list[str]) -> dict[str, Float1D]:
+    """By part that has open alarms: share (4,) of its rows with a current that lie in one, NaN without a current."""
+    by_part: dict[str, list[Any]] = {}
+    for alarm in Book(workspace, machine).open_alarms():
+        by_part.setdefault(alarm.part, []).append(alarm)
+    found = {}
+    for part in parts:
+        if part not in by_part:
+            continue
+        rows = samples_of(workspace, part)
+        time = at_rate(workspace, Store(workspace.store).load(part, ())).time[rows.row]
+        known = np.isfinite(rows.currents)
+        inside = np.zeros(known.shape, bool)
+        for alarm in by_part[part]:
+            inside[(time >= alarm.t_start) & (time <= alarm.t_end), AXES.index(alarm.axis)] = True
+        n = known.sum(axis=0)
+        found[part] = np.where(n > 0, (inside & known).sum(axis=0) / np.maximum(n, 1), np.nan)
+    return found
 
 
 class _History:
@@ -117,6 +159,15 @@ class _History:
         """Metrics of a part by its newest iteration that counts, or None."""
         mine = (one for one in reversed(self._done) if one.part == part)
         return next((one.summary["metrics"] for one in mine if self._counts(one)), None)
+
+    def before(self, part: str, order: list[str]) -> dict[str, Float1D]:
+        """What models of the day were wrong by on the parts before `part`, of those that `order` has."""
+        earlier = set(order[: order.index(part)])
+        return {
+            one.part: np.array([_number(one.summary["metrics"], axis, "both") for axis in AXES])
+            for one in self._done
+            if one.part in earlier and one.version not in self._spoilt
+        }
 
     def _counts(self, one: Iteration) -> bool:
         if one.version in self._spoilt:

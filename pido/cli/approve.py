@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pido.cli.places import decide, decision
+
+if TYPE_CHECKING:
+    from pido.tracking.audit import Record
+    from pido.workspace import Workspace
 
 
 @click.command()
@@ -20,6 +24,15 @@ def command(version: int, **asked: Any) -> None:
     \b
     pido approve 7 --by "A. Ito" --reason "three good parts" --workspace plant
     """
-    from pido.approval import approve
+    decide(_informed, version, **asked)
 
-    decide(approve, version, **asked)
+
+def _informed(workspace: Workspace, machine: str, version: int, **who: str) -> Record:
+    """Approve, and say what the gate's words may not have said."""
+    from pido.approval import approve, doubts
+    from pido.tracking.promotion import version_of
+
+    record = approve(workspace, machine, version, **who)
+    for doubt in doubts(workspace, version_of(workspace, machine, version)):
+        click.echo(f"warning: {doubt}", err=True)
+    return record

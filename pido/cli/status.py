@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from pido.cli.places import existing, workspace_option
+
+if TYPE_CHECKING:
+    from pido.monitoring.alarms import Alarm
 
 
 @click.command()
@@ -27,6 +32,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     from pido.backlog import standing
     from pido.core.clock import utc
     from pido.physics_journal import in_force, journal, outcome
+    from pido.supervision.book import Book
     from pido.tracking import promotion
     from pido.tracking.ledger import Ledger
     from pido.tracking.moved import left_behind
@@ -46,6 +52,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                     {"part": r.name, "digest": r.part, "by": r.by, "at": r.at, "reason": r.reason}
                     for r in withdrawn(workspace, machine).values()
                 ],
+                "open_alarms": _counted(Book(workspace, machine).open_alarms()),
                 "learnt_from_withdrawn": promotion.trained_on_withdrawn(workspace, machine),
                 "versions": [
                     {**asdict(s.version), "state": s.state, "judged_again": promotion.outdated(s.version, now[machine])}
@@ -84,8 +91,14 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                     click.echo(
                         "               not compared with the champion in force: approving judges it again first"
                     )
+                judged_by = v["gate"].get("parts", ())
+                if v["state"] == "challenger" and (n := sum(state["open_alarms"].get(p, 0) for p in judged_by)):
+                    click.echo(f"               judged by parts with {n} unanswered alarm(s)")
                 if v["state"] == "champion" and (gone := state["learnt_from_withdrawn"].get(v["version"])):
                     click.echo(f"               has learnt from what is withdrawn: {', '.join(gone)}")
+        if state["open_alarms"]:
+            n, on = sum(state["open_alarms"].values()), ", ".join(d[:12] for d in state["open_alarms"])
+            click.echo(f"  {n} unanswered alarm(s) of the monitor on part(s) {on}: `pido monitor PART` shows them")
         for r in state["withdrawn"]:
             about = f"{r['part']} ({r['digest'][:12]})  by {r['by']}, {r['at']}: {r['reason']}"
             click.echo(f"  withdrawn  {about}")
@@ -109,3 +122,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) are not {where}; `pido iterate` logs them")
     for there in answer["mlflow_looks_in"]:
         click.echo(f"MLflow looks for artifacts in {there}, where this workspace was; `pido iterate` puts that right")
+
+
+def _counted(alarms: list[Alarm]) -> dict[str, int]:
+    """By part (digest): how many."""
+    return dict(Counter(alarm.part for alarm in alarms))

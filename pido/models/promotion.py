@@ -7,12 +7,16 @@ than the champion by more than `tolerance` in the mean of the last parts, nor by
 cannot have done it; and when it beats the constant current wherever the champion does. An axis on which another
 trivial rival has the lower error is a warning to whoever approves, and no failure: a challenger that improves on the
 champion is an improvement, also while both lie behind a friction line.
+
+Two models that are equally wrong say nothing for either. An axis of which more than half is open alarms on every part
+that it is judged by does not pass before somebody has said what they were; fewer of them, and errors of both sides that
+are FAR times all of earlier parts, are said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import binomtest
@@ -22,6 +26,9 @@ from pido.core.axes import AXES
 from pido.core.errors import RegistryError
 
 _NO_ERROR = 1e-9  # A
+FULL, SOME = 0.5, 0.1
+"""Shares of an axis' rows in open alarms: beyond the one a part judges nothing, beyond the other it is said."""
+FAR = 10.0
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,8 @@ class Verdict:
     axes: tuple[AxisVerdict, ...]
     words: str
     warnings: tuple[str, ...] = ()
+    alarms: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def gate(
@@ -52,6 +61,8 @@ def gate(
     rival: Mapping[str, Float1D] | None = None,
     *,
     others: Mapping[str, Mapping[str, Float1D]] | None = None,
+    alarmed: Mapping[str, Float1D] | None = None,
+    earlier: Mapping[str, Mapping[str, Float1D]] | None = None,
     tolerance: float = 0.02,
     level: float = 0.05,
 ) -> Verdict:
@@ -59,6 +70,8 @@ def gate(
 
     champion : empty where there is none yet; the challenger then has to beat `rival`, a constant current, on each axis
     others : further trivial rivals by name; where one has the lower error, the words warn of it, with both errors
+    alarmed : share (4,) of a part's rows in open alarms, by part; parts without any may be left out
+    earlier : by part, what the challenger's likes were wrong by on the parts before it
     tolerance : relative worsening of the mean that is let pass; level : of the sign test
     RegistryError where the two were not judged on the same parts.
     """
@@ -76,6 +89,13 @@ def gate(
         for i, axis in enumerate(AXES)
         if (np.isfinite(new[:, i]) & np.isfinite(old[:, i])).any()
     )
+    full = covered(parts, alarmed or {})
+    axes = tuple(
+        replace(a, passed=False, words=f"{a.words}, and open alarms cover {full[a.axis]:.0%} of it or more")
+        if a.axis in full
+        else a
+        for a in axes
+    )
     failed = [a.axis for a in axes if not a.passed]
     passed = bool(axes) and not failed
     words = "; ".join(a.words for a in axes) or "no axis could be compared"
@@ -83,7 +103,57 @@ def gate(
     rivals = {**({} if rival is None else {"constant": rival}), **(others or {})}
     warnings = tuple(w for i, axis in enumerate(AXES) if (w := _behind(axis, i, parts, challenger, rivals)))
     warned = f". Warning: a trivial rival has the lower error on {'; '.join(warnings)}" if warnings else ""
-    return Verdict(passed, axes, f"{lead}: {words}{warned}", warnings)
+    alarms, doubts = open_alarms(parts, alarmed or {}), _beyond(parts, challenger, against, earlier or {})
+    said = "".join(f". Warning: {each}" for each in (*alarms, *doubts))
+    return Verdict(passed, axes, f"{lead}: {words}{warned}{said}", warnings, alarms, doubts)
+
+
+def covered(parts: Sequence[str], alarmed: Mapping[str, Float1D]) -> dict[str, float]:
+    """Axes of which open alarms cover more than FULL on every part that has them, and at least how much.
+
+    >>> half = np.array([0.9, 0.2, np.nan, 0.6])  # z was not recorded
+    >>> covered(["p1"], {"p1": half}), covered(["p1", "p2"], {"p1": half})
+    ({'x': 0.9, 'sp': 0.6}, {})
+    """
+    if not parts:
+        return {}
+    shares = np.array([alarmed.get(p, np.zeros(len(AXES))) for p in parts], float)
+    least = np.min(np.where(np.isnan(shares), np.inf, shares), axis=0)
+    return {axis: float(s) for axis, s in zip(AXES, least, strict=True) if FULL < s < np.inf}
+
+
+def open_alarms(parts: Sequence[str], alarmed: Mapping[str, Float1D]) -> tuple[str, ...]:
+    """In words, of which parts a good share is alarms that nobody has answered."""
+    found = []
+    for part in parts:
+        shares = alarmed.get(part, np.zeros(len(AXES)))
+        if axes := [f"{axis} {s:.0%}" for axis, s in zip(AXES, shares, strict=True) if s > SOME]:
+            found.append(f"alarms that nobody has answered cover part {part[:12]} by {', '.join(axes)}")
+    return tuple(found)
+
+
+def _beyond(
+    parts: Sequence[str],
+    challenger: Mapping[str, Float1D],
+    against: Mapping[str, Float1D],
+    earlier: Mapping[str, Mapping[str, Float1D]],
+) -> tuple[str, ...]:
+    """In words, on which parts and axes both sides are FAR times as wrong as on any part before."""
+    found = []
+    for part in parts:
+        before = [np.asarray(errors, float) for errors in earlier.get(part, {}).values()]
+        axes = []
+        for i, axis in enumerate(AXES):
+            known = [errors[i] for errors in before if np.isfinite(errors[i])]
+            both = np.fmin(challenger[part][i], against[part][i])
+            if known and both > FAR * max(*known, _NO_ERROR):
+                axes.append(f"{axis} {both:.3g} A beside at most {max(known):.3g} A")
+        if axes:
+            found.append(
+                f"on part {part[:12]} both are wrong by far more than on any part before it ({'; '.join(axes)}): "
+                "look at the part, not at the models"
+            )
+    return tuple(found)
 
 
 def _behind(

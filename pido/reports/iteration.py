@@ -78,6 +78,7 @@ def verdict(summary: dict[str, Any]) -> str:
         f"{said} The gate {'is passed' if gate.get('passed') else 'is not passed'}: this version "
         + ("may be approved." if gate.get("passed") else "is not offered for approval.")
         + "".join(f" Warning: a trivial rival has the lower error on {w}." for w in gate.get("warnings", ()))
+        + "".join(f" Warning: {w}." for w in (*gate.get("alarms", ()), *gate.get("doubts", ())))
     )
 
 

@@ -88,10 +88,13 @@ class Book:
 
     def open_alarms(self) -> list[Alarm]:
         """Alarms that nobody has answered yet, `part` being the digest; none of parts that are withdrawn."""
+        alarms = self.alarms()
+        if not alarms:
+            return []
         answered, owner, gone = self._said(), self._owners(), withdrawn(self._workspace, self.machine)
         return [
             _as_alarm(alarm, part)
-            for name, alarm in self.alarms().items()
+            for name, alarm in alarms.items()
             if name not in answered and (part := owner(alarm)) not in gone
         ]
 
