@@ -67,7 +67,7 @@ def verdict(
     measured : by part, metrics of the arriving one, which are not in the ledger yet
     """
     now = promotion.champion_bundle(workspace, machine)
-    learnt = set() if now is None else set(now.content["parts"])
+    learnt = set() if now is None else set(Store(workspace.store).today(now.content["parts"]).values())
     history, gone = _History(workspace, machine, making), withdrawn(workspace, machine)
     usable: dict[str, Any] = {}
     otherwise = 0

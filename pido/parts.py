@@ -3,7 +3,8 @@
 In:  a path, a workspace. Out: a part in the store and its samples in `derived/`; facts in the ledger.
 
 What arrived is known by the digest of its bytes, the part in it by the digest of its content: the same part under
-another name, with another order or tool, in another format's file or twice is one part: its samples say so.
+another name, with another order or tool, in another format's file or twice is one part: its samples say so. What comes
+again with further columns (process quantities that were simulated later) completes it: an iteration is then due again.
 """
 
 from __future__ import annotations
@@ -73,9 +74,10 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     try:
         recording = _read(workspace, place, named)
         _check(recording, workspace, place)
-        same = store.same(recording)
-        name = digest(recording)
-        made = None if same is not None and same.digest != name else _samples(workspace, recording, name)
+        same, whole = store.same(recording), store.whole(recording)
+        name = digest(whole)
+        known_as = None if same is None or name == digest(recording) else same.digest
+        made = None if known_as == name else _samples(workspace, whole, name)
         if not at_rest():
             raise changed
         entry = store.add(recording, source=place.name)
@@ -88,6 +90,8 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     if made is not None and entry.digest == name:
         samples, lost = made
         save_samples(samples, samples_path(workspace, entry.digest), lost)
+    for before in store.before(entry.digest):  # also where who completed it died before this
+        ledger.completed(before, entry.digest, entry.machine, entry.part)
     ledger.took(key, place.name, entry.digest, entry.machine)
     return _answer(entry, key)
 
@@ -110,7 +114,12 @@ def samples_of(workspace: Workspace, digest: str) -> Samples:
     samples = load_samples(_made(workspace, digest))
     entry = entry_of(workspace, digest)
     excluded = workspace.excluded(entry.machine)
-    stretches = [at for key, where in excluded.items() if entry.part == name_in(key) or key == digest for at in where]
+    stretches = [
+        at
+        for key, where in excluded.items()
+        if entry.part == name_in(key) or key in (digest, entry.digest)
+        for at in where
+    ]
     if not stretches:
         return samples
     time = at_rate(workspace, Store(workspace.store).load(digest, ())).time[samples.row]
@@ -146,6 +155,7 @@ def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tup
     same = store.same(recording)
     if same is None:
         store.compare_currents(recording)
+    recording = store.whole(recording)
     name = digest(recording) if same is None else same.digest
     samples, lost = _samples(workspace, recording, name)
     return at_rate(workspace, recording), samples, lost, name

@@ -3,9 +3,10 @@
 In:  a recording, its machine, and what was cut with what (`Job`), where that is known.
 Out: `Samples` of the part, and one sentence per thing that was assumed on the way.
 
-Process quantities that were recorded with the part are used as they are. Otherwise they come from a height map of the
-stock along the recorded path. A part about which nobody says what was cut is refused, unless the settings call it an
-air cut: then its forces are zero, and all its moving samples count.
+Process quantities that were recorded with the part are used as they are, each for itself. What rows need beyond them
+comes from a height map of the stock along the recorded path. A part about which nobody says what was cut is refused,
+unless the settings call it an air cut, and no load was recorded: then what is missing is zero, and all its moving
+samples count.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Bool1D
-from pido.core.columns import CURRENT, FORCE_SIM, INPUTS
+from pido.core.columns import CURRENT, INPUTS, PROCESS
 from pido.core.errors import RecordingError, SettingsError
 from pido.core.machining import Job, Machine, Material, Stock, Tool
 from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.process.quantities import process_quantities
-from pido.process.samples import to_samples
+from pido.process.samples import load_in, to_samples
 
 log = logging.getLogger(__name__)
 
@@ -60,30 +61,7 @@ def prepare(
     Raises RecordingError where no sample is left, or no sample has the tool engaged; SettingsError where nobody says
     what was cut.
     """
-    notes: list[str] = []
-    if not all(c in recording for c in (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")):
-        if job.material and job.tools and job.stock:
-            recording = process_quantities(
-                recording,
-                stock=job.stock,
-                tools=job.tools,
-                material=job.material,
-                machine=machine,
-                grid_mm=job.grid_mm,
-                teeth=job.teeth,
-            )
-            notes.append(f"forces and removal simulated along the recorded path: {job.material.name}, height map")
-        elif air_cut:
-            nothing = np.zeros(len(recording))
-            recording = recording.with_columns(**dict.fromkeys((*FORCE_SIM.values(), "m_sp_sim", "mrr_sim"), nothing))
-            notes.append("taken as an air cut: no forces, no removal")
-        else:
-            missing = [name for name in ("material", "tools", "stock") if not getattr(job, name)]
-            raise SettingsError(
-                f"part {recording.part.part}: no process quantities were recorded, and {', '.join(missing)} "
-                f"{'is' if len(missing) == 1 else 'are'} not known. Say it in part.json or in a job file "
-                f'(workspace.toml: [jobs] {machine.id} = "job.toml"), or set air_cut = true.'
-            )
+    recording, notes = _with_process(recording, machine, job, air_cut)
     engaged_only = bool((recording["mrr_sim"] > 0).any())
     if not engaged_only and not air_cut:
         raise RecordingError(
@@ -108,6 +86,53 @@ def lacks(recording: Recording) -> Bool1D:
     currents = [np.isfinite(recording[name]) for name in CURRENT.values() if name in recording]
     there = np.logical_and.reduce(inputs) & np.logical_or.reduce(currents)
     return np.asarray(~there) & np.ones(len(recording), bool)
+
+
+def _with_process(recording: Recording, machine: Machine, job: Job, air_cut: bool) -> tuple[Recording, list[str]]:
+    """The recording with all process quantities that rows need, and what was assumed for those it had not. What was
+    recorded stays as it is; a column that holds no value was not recorded."""
+    recorded = [name for name in PROCESS if name in recording and np.isfinite(recording[name]).any()]
+    missing = [name for name in INPUTS if name in PROCESS and name not in recorded]
+    if not missing:
+        return recording, []
+    alone = f"{', '.join(missing)} alone; {_were(recorded)} recorded" if recorded else ""
+    if job.material and job.tools and job.stock:
+        simulated = process_quantities(
+            recording,
+            stock=job.stock,
+            tools=job.tools,
+            material=job.material,
+            machine=machine,
+            grid_mm=job.grid_mm,
+            teeth=job.teeth,
+        )
+        how = f"simulated along the recorded path: {job.material.name}, height map"
+        return (
+            simulated.with_columns(**{name: recording[name] for name in recorded}),
+            [f"{how}: {alone}" if recorded else f"forces and removal {how}"],
+        )
+    load = load_in(recording.columns)
+    if air_cut and not load:
+        recording = recording.with_columns(**dict.fromkeys(missing, np.zeros(len(recording))))
+        return recording, [
+            "taken as an air cut: no forces, no removal" + (f" (assumed of {alone})" if recorded else "")
+        ]
+    unknown = [name for name in ("material", "tools", "stock") if not getattr(job, name)]
+    what = f"{_were(missing)} not recorded" if recorded else "no process quantities were recorded"
+    if air_cut:
+        what += f" and cannot be taken as 0, though air_cut = true: {load}"
+    not_known = f"{', '.join(unknown)} {'is' if len(unknown) == 1 else 'are'} not known"
+    ways = f'Say it in part.json or in a job file (workspace.toml: [jobs] {machine.id} = "job.toml")'
+    if recorded:
+        not_known = f"to simulate it {not_known}"
+        ways = f"Bring the recording with {', '.join(missing)}. {ways.replace('Say it', 'Or say what was cut')}"
+    if not load:
+        ways += ", or set air_cut = true"
+    raise SettingsError(f"part {recording.part.part}: {what}, and {not_known}. {ways}.")
+
+
+def _were(names: list[str]) -> str:
+    return f"{', '.join(names)} {'was' if len(names) == 1 else 'were'}"
 
 
 def _stock(recording: Recording) -> Stock | None:

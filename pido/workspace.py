@@ -271,7 +271,17 @@ class Workspace:
     def excluded(self, machine: str) -> records.Stretches:
         """Part digest (or what stands for it where it was followed, `monitoring.records.name_in`) -> stretches
         [start, end], s, of alarms that were answered as true: not to be learnt from."""
-        return self.planned[machine] if machine in self.planned else records.excluded(self.book(machine))
+        if machine in self.planned:
+            return self.planned[machine]
+        found = records.excluded(self.book(machine))
+        if not found:
+            return found
+        from pido.store import Store
+
+        now, stretches = Store(self.store).today(found), records.Stretches()
+        for part, where in found.items():  # of a part that columns were added to since: of what it is now
+            stretches.setdefault(now[part], []).extend(where)
+        return {part: sorted(where) for part, where in stretches.items()}
 
     def excluding(self, machine: str, excluded: records.Stretches) -> Workspace:
         """The same workspace, in which an answer that comes later changes nothing of what is learnt from."""

@@ -74,6 +74,8 @@ def command(
             reason = "\n".join(str(f) for f in faults if f.severity == ERROR)
             if not reason:
                 entry = store.add(recording, source=path.name)
+                if entry.gained:
+                    notes = (*notes, f"{entry.part} was stored without {', '.join(entry.gained)}: it has them now")
         except (UnavailableError, OSError):
             raise  # the disk's fault: nothing is rejected for it
         except PidoError as error:
@@ -88,7 +90,7 @@ def command(
                 rejected = store.reject(path, reason)
             except (StoreError, OSError) as error:
                 reason = f"{reason}\nIt was not moved away: {error}"
-        state = "rejected" if entry is None else "stored" if entry.new else "known"
+        state = "rejected" if entry is None else "stored" if entry.new else "completed" if entry.gained else "known"
         if as_json:
             row = {
                 "path": str(path),
@@ -104,7 +106,7 @@ def command(
             click.echo(orjson.dumps(row).decode())
             continue
         line = f"{entry.digest[:12]}  {entry.part}  {entry.samples} samples" if entry else f"{path}"
-        click.echo(f"{state:9}{line}" + (f"  -> {rejected}" if rejected else ""))
+        click.echo(f"{state:10}{line}" + (f"  -> {rejected}" if rejected else ""))
         for note in notes:
             click.echo(f"  note: {note}", err=True)
         for fault in faults:

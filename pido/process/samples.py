@@ -7,12 +7,13 @@ Out: `Samples`: the 13 inputs, AR, currents, and the held direction of each axis
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 
 import numpy as np
 
-from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import CURRENT, INPUTS, PROCESS, VELOCITY
+from pido.core.columns import CURRENT, INPUTS, PROCESS, UNITS, VELOCITY
 from pido.core.errors import RecordingError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
@@ -83,6 +84,20 @@ def may_be_engaged(recording: Recording) -> Bool1D:
     if "mrr_sim" not in recording:
         return np.ones(len(recording), bool)
     return np.asarray(~(recording["mrr_sim"] <= 0.0))
+
+
+def load_in(columns: Mapping[str, Array1D]) -> str:
+    """The first process quantity that is not 0 throughout, in words; '' where there is none. With one it is no
+    air cut.
+
+    >>> load_in({"f_x_sim": np.array([0.0, -264.9]), "mrr_sim": np.zeros(2)})
+    'f_x_sim is up to 264.9 N'
+    """
+    for name in PROCESS:
+        largest = np.nanmax(np.abs(columns[name]), initial=0.0) if name in columns else 0.0
+        if largest > 0:
+            return f"{name} is up to {largest:.4g} {UNITS[name]}"
+    return ""
 
 
 def directions(recording: Recording, machine: Machine) -> Float2D:

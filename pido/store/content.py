@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,45 @@ def signals(recording: Recording) -> str | None:
     total = hashlib.sha256(b"pido.signals/1\n")
     _add(total, recording, present)
     return total.hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Completed:
+    """A stored recording with the columns that it `gained`; `left_out`: which it could not, and why, in words or ''."""
+
+    recording: Recording
+    gained: tuple[str, ...]
+    left_out: str
+
+
+def completed(stored: Recording, again: Recording) -> Completed:
+    """The stored recording with what another one of the same samples adds to it: columns of which it has no value.
+
+    Nothing of it changes: where another column differs, they may not be of one simulation or reading: none is added.
+    """
+    empty = {name for name in again.columns if name not in stored or not _has_values(stored.columns[name])}
+    gained = tuple(name for name in again.columns if name in empty and _has_values(again.columns[name]))
+    shared = [name for name in again.columns if name in stored and name not in empty]
+    differs = [name for name in shared if _alone(stored, name) != _alone(again, name)]
+    if not gained or not differs:
+        added = {name: again.columns[name] for name in gained}
+        notes = (f"delivered later: {', '.join(gained)}",) if gained else ()
+        return Completed(replace(stored.with_columns(**added), notes=(*stored.notes, *notes)), gained, "")
+    return Completed(
+        stored, (), f"It brings {', '.join(gained)} too, left out because {', '.join(differs)} in it "
+        f"{'is' if len(differs) == 1 else 'are'} not as stored: bring it with all columns as they came first, and the "
+        "further ones beside them",
+    )  # fmt: skip
+
+
+def _has_values(values: Array1D) -> bool:
+    return any(v is not None for v in values) if values.dtype == object else bool(np.isfinite(values).any())
+
+
+def _alone(recording: Recording, name: str) -> bytes:
+    total = hashlib.sha256()
+    _add(total, recording, [name])
+    return total.digest()
 
 
 def _add(total: Any, recording: Recording, names: Iterable[str]) -> None:

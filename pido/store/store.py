@@ -13,6 +13,9 @@ content takes it over. SQLite serialises two processes; the second of two equal 
 
 A part that was withdrawn keeps its file and its line; it is no longer among the entries, and its name is free for
 another recording. Who withdrew it and why is in a workspace's audit log (`pido.withdrawal`).
+
+A recording that comes again with further columns completes the stored one: a new file beside the old one, which stays,
+and the part's entry is the new one from then on. By the old digest the old content is still read.
 """
 
 from __future__ import annotations
@@ -51,12 +54,14 @@ _SIGNALS = "CREATE TABLE IF NOT EXISTS signals (digest TEXT PRIMARY KEY, signals
 _WITHDRAWN = "CREATE TABLE IF NOT EXISTS withdrawn (digest TEXT PRIMARY KEY, part TEXT NOT NULL) STRICT"
 _BESIDE = 5
 """Newest parts that the currents of an arriving one are compared with."""
+_COMPLETED = "CREATE TABLE IF NOT EXISTS completed (digest TEXT PRIMARY KEY, whole TEXT NOT NULL) STRICT"
 _FIELDS = 'digest, machine, part, "order", start_time_s, samples, source'
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What the index knows about one stored part. `new` says whether `add` just stored it."""
+    """What the index knows about one stored part. `new` says whether `add` just stored it; `gained`: the columns with
+    which `add` just completed it."""
 
     digest: str
     machine: str
@@ -66,6 +71,7 @@ class Entry:
     samples: int
     source: str
     new: bool = False
+    gained: tuple[str, ...] = ()
 
 
 class Store:
@@ -77,7 +83,8 @@ class Store:
 
     def add(self, recording: Recording, source: str = "") -> Entry:
         """Keep a recording. What was seen before is found again (`new` is False); nothing is written twice: the same
-        content, and the same measured samples of the machine, whatever part.json calls them.
+        content, and the same measured samples of the machine, whatever part.json calls them. Columns that the stored
+        one has not complete it, where the others are the same.
 
         Raises StoreError where the machine already has a part of this name with other content, where this one was
         withdrawn, and where its currents are in another unit than those of the machine's other parts.
@@ -94,7 +101,7 @@ class Store:
         if same is not None:
             self._refuse_withdrawn(same.digest)
         if same is not None and same.digest != digest:  # its own file may be gone, and is written again
-            return self._say_same(same, recording)
+            return self._complete(same, recording, source)
         self._refuse_other_content(part.machine, part.part, digest)
         self.compare_currents(recording)
         self._write(recording, source, self.path(digest))
@@ -104,7 +111,7 @@ class Store:
             found = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
             if found is None and (same := _same(index, part.machine, signals)) is not None:
                 index.execute("ROLLBACK")  # another process was first
-                return self._say_same(same, recording)
+                return self._complete(same, recording, source)
             if found is None:
                 try:
                     index.execute(f"INSERT INTO entries ({_FIELDS}) VALUES (?, ?, ?, ?, ?, ?, ?)", row)
@@ -120,6 +127,28 @@ class Store:
     def same(self, recording: Recording) -> Entry | None:
         """The stored part of this machine with the same measured samples, whatever it is called."""
         return self._measured(recording.part.machine, len(recording), content.signals(recording))
+
+    def whole(self, recording: Recording) -> Recording:
+        """The recording as `add` keeps it: where the same measured samples are stored, the stored one with what this
+        one adds to it. Nothing is written."""
+        same = self.same(recording)
+        if same is None or not self.path(same.digest).exists():
+            return recording
+        return content.completed(content.read(self.path(same.digest), None), recording).recording
+
+    def today(self, digests: Iterable[str]) -> dict[str, str]:
+        """By digest, the one that stands for it now: of the part that it was completed to, or itself."""
+        found = {digest: digest for digest in digests}
+        if found and self._index.exists():
+            with self._connect() as index:
+                found |= {old: new for old, new in index.execute("SELECT * FROM completed") if old in found}
+        return found
+
+    def before(self, digest: str) -> tuple[str, ...]:
+        """What this part was before columns were added to it, in digests."""
+        with self._connect() as index:
+            rows = index.execute("SELECT digest FROM completed WHERE whole = ? ORDER BY digest", (digest,)).fetchall()
+        return tuple(old for (old,) in rows)
 
     def compare_currents(self, recording: Recording) -> None:
         """Whether the currents are as large as those of the machine's newest parts; what is odd is warned of.
@@ -206,7 +235,8 @@ class Store:
         )
 
     def entry(self, digest: str) -> Entry | None:
-        """The part with this content, or None. One lookup, however many parts there are."""
+        """The part with this content, or the one that it was completed to; None where there is none. One lookup,
+        however many parts there are."""
         return self._find(digest)
 
     def has(self, digest: str) -> bool:
@@ -252,8 +282,38 @@ class Store:
         if not self._index.exists():
             return None
         with self._connect() as index:
-            row = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
+            row = index.execute(
+                f"SELECT {_FIELDS} FROM entries WHERE digest = "
+                "coalesce((SELECT whole FROM completed WHERE digest = ?1), ?1)",
+                (digest,),
+            ).fetchone()
         return None if row is None else Entry(*row)
+
+    def _complete(self, same: Entry, recording: Recording, source: str) -> Entry:
+        if not self.path(same.digest).exists():
+            return self._say_same(same, recording, "")
+        found = content.completed(content.read(self.path(same.digest), None), recording)
+        if not found.gained:
+            return self._say_same(same, recording, found.left_out)
+        digest = content.digest(found.recording)
+        self._write(found.recording, f"{same.source}, {source}", self.path(digest))
+        with self._connect() as index:
+            index.execute("BEGIN IMMEDIATE")
+            ours = index.execute("UPDATE entries SET digest = ? WHERE digest = ?", (digest, same.digest)).rowcount
+            if ours:
+                index.execute(
+                    "INSERT OR REPLACE INTO signals VALUES (?, ?)", (digest, content.signals(recording) or "")
+                )
+                index.execute("UPDATE completed SET whole = ? WHERE whole = ?", (digest, same.digest))
+                index.execute("INSERT INTO completed VALUES (?, ?)", (same.digest, digest))
+            index.execute("COMMIT")
+        if not ours:  # another process was first
+            return self.add(recording, source)
+        log.warning(
+            "part '%s' of machine '%s' has the samples of '%s' (%s) and brings %s: they complete it (now %s)",
+            recording.part.part, same.machine, same.part, same.digest[:12], ", ".join(found.gained), digest[:12],
+        )  # fmt: skip
+        return replace(same, digest=digest, gained=found.gained)
 
     def _measured(self, machine: str, samples: int, signals: str | None) -> Entry | None:
         """Parts of as many samples that a release before had stored are read once, and only what was measured."""
@@ -274,11 +334,11 @@ class Store:
                 index.execute("INSERT OR REPLACE INTO signals VALUES (?, ?)", (digest, content.signals(stored) or ""))
             return _same(index, machine, signals)
 
-    def _say_same(self, same: Entry, recording: Recording) -> Entry:
+    def _say_same(self, same: Entry, recording: Recording, left_out: str) -> Entry:
         log.warning(
             "part '%s' of machine '%s' has the samples of '%s' (%s), which is in the store already: it is the same "
-            "recording, whatever its part.json says, and is not learnt from twice",
-            recording.part.part, same.machine, same.part, same.digest[:12],
+            "recording, whatever its part.json says, and is not learnt from twice%s",
+            recording.part.part, same.machine, same.part, same.digest[:12], left_out and f". {left_out}",
         )  # fmt: skip
         return same
 
@@ -312,6 +372,7 @@ class Store:
                 index.execute(_SCHEMA)
                 index.execute(_SIGNALS)
                 index.execute(_WITHDRAWN)
+                index.execute(_COMPLETED)
                 yield index
         except sqlite3.DatabaseError as error:
             raise UnavailableError(f"{self._index}: {error}. If it is damaged, restore it from the backup.") from None

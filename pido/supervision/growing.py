@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from pido.core.arrays import Float1D
-from pido.core.columns import ALIASES, CURRENT, FORCE_SIM, INPUTS, TIME
+from pido.core.columns import ALIASES, CURRENT, INPUTS, PROCESS, TIME
 from pido.core.errors import RecordingError
+from pido.process.samples import load_in
 from pido.workspace import digest_of
 
 POLL_S = 0.05
@@ -27,7 +28,6 @@ FIRST_ROWS = 50
 """Rows from which the file's rate is read."""
 BEGINNING = 65536
 """Bytes by which a file is known again, at most."""
-_PROCESS = (*FORCE_SIM.values(), "m_sp_sim", "mrr_sim")
 
 
 class Growing:
@@ -146,7 +146,7 @@ def _split(path: Path, lines: list[str]) -> list[list[str]]:
 
 def _header(path: Path, cells: list[str], air_cut: bool) -> list[str]:
     names = [ALIASES.get(name.strip(), name.strip()) for name in cells]
-    needed = {TIME, *INPUTS} - (set(_PROCESS) if air_cut else set())
+    needed = {TIME, *INPUTS} - (set(PROCESS) if air_cut else set())
     missing = sorted(needed - set(names))
     if missing:
         raise RecordingError(
@@ -193,7 +193,13 @@ def _averaged(path: Path, names: list[str], rows: list[list[str]], width: int, a
         grouped = _numbers(path, names, rows, i).reshape(-1, width)
         columns[name] = grouped[:, -1] if name in (TIME, "nc_line", "coolant") else grouped.mean(axis=1)
     if air_cut:
-        columns |= {name: np.zeros(len(columns[TIME])) for name in _PROCESS if name not in columns}
+        missing = [name for name in PROCESS if name in INPUTS and name not in columns]
+        if missing and (load := load_in(columns)):
+            raise RecordingError(
+                f"{path}: {', '.join(missing)} cannot be taken as 0, though air_cut = true: {load}. Write "
+                "them with the recording."
+            )
+        columns |= {name: np.zeros(len(columns[TIME])) for name in missing}
     return columns
 
 

@@ -181,7 +181,7 @@ def monitor(workspace: Workspace, part: str, *, machine: str | None = None, tole
     machine = recording.part.machine
     expect = Expectation.of(workspace, machine)
     notes = list(expect.notes)
-    if digest in expect.bundle.content["parts"]:
+    if digest in Store(workspace.store).today(expect.bundle.content["parts"]).values():
         earlier = held_out(workspace, machine, digest, expect.models.inputs)
         if earlier is None:
             raise StoreError(

@@ -85,8 +85,9 @@ def known_residuals(
     """
     last, clean = _newest(workspace, machine)
     order = [e.digest for e in Store(workspace.store).entries(machine) if e.digest in last and e.digest != without]
-    learnt = [digest for digest in order if digest in version.content["parts"]]
-    new = [digest for digest in order if digest not in version.content["parts"]][-MOST_PARTS:]
+    seen = set(Store(workspace.store).today(version.content["parts"]).values())
+    learnt = [digest for digest in order if digest in seen]
+    new = [digest for digest in order if digest not in seen][-MOST_PARTS:]
     recipe = replace(recipe_of(workspace), inputs=models.inputs)
     if 1 < len(learnt) <= FEW:
         found = _each_by_the_others(workspace, machine, learnt, learnt, recipe)

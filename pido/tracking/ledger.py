@@ -26,7 +26,7 @@ CREATE TABLE IF NOT EXISTS arrivals(
   machine TEXT NOT NULL DEFAULT '', lies TEXT NOT NULL DEFAULT '');
 CREATE TABLE IF NOT EXISTS parts(
   number INTEGER PRIMARY KEY AUTOINCREMENT, digest TEXT NOT NULL UNIQUE, machine TEXT NOT NULL,
-  name TEXT NOT NULL, at REAL NOT NULL);
+  name TEXT NOT NULL, at REAL NOT NULL, completed TEXT NOT NULL DEFAULT '');
 CREATE TABLE IF NOT EXISTS iterations(
   run_key TEXT PRIMARY KEY, machine TEXT NOT NULL, part TEXT NOT NULL, version INTEGER NOT NULL,
   summary TEXT NOT NULL, logged TEXT NOT NULL DEFAULT '', at REAL NOT NULL, place TEXT NOT NULL DEFAULT '');
@@ -34,7 +34,7 @@ CREATE TABLE IF NOT EXISTS versions(
   machine TEXT NOT NULL, version INTEGER NOT NULL, bundle TEXT NOT NULL, run_key TEXT NOT NULL,
   gate TEXT NOT NULL, at REAL NOT NULL, PRIMARY KEY (machine, version), UNIQUE (machine, bundle));
 """
-_ADDED = {"iterations": ("place",), "arrivals": ("machine", "lies")}
+_ADDED = {"iterations": ("place",), "arrivals": ("machine", "lies"), "parts": ("completed",)}
 """Columns that a ledger of an older version has not, all of them text."""
 
 
@@ -167,8 +167,19 @@ class Ledger:
         return [Arrival(*row) for row in rows]
 
     def parts(self, machine: str) -> list[str]:
-        """Digests of the parts that went through an iteration, in the order of arrival."""
-        return [d for (d,) in self._rows("SELECT digest FROM parts WHERE machine = ? ORDER BY number", machine)]
+        """Digests of the parts that went through an iteration, in the order of arrival; not of those that columns were
+        added to since: as they are now, they have gone through one of their own, or are yet to."""
+        query = "SELECT digest FROM parts WHERE machine = ? AND completed = '' ORDER BY number"
+        return [d for (d,) in self._rows(query, machine)]
+
+    def completed(self, before: str, part: str, machine: str, name: str) -> None:
+        """Columns were added to the part `before`: it is `part` now, and an iteration with it is due."""
+        with self._transaction() as db:
+            db.execute(
+                "INSERT INTO parts(digest, machine, name, at, completed) VALUES (?, ?, ?, ?, ?) "
+                "ON CONFLICT(digest) DO UPDATE SET completed = excluded.completed",
+                (before, machine, name, time.time(), part),
+            )
 
     def machine_of(self, part: str) -> str | None:
         """The machine of a part that went through an iteration, or None."""
@@ -176,7 +187,7 @@ class Ledger:
         return rows[0][0] if rows else None
 
     def machines(self) -> list[str]:
-        return [m for (m,) in self._rows("SELECT DISTINCT machine FROM parts ORDER BY machine")]
+        return [m for (m,) in self._rows("SELECT DISTINCT machine FROM parts WHERE completed = '' ORDER BY machine")]
 
     def iteration(self, run_key: str) -> Iteration | None:
         rows = self._rows(f"SELECT {_ITERATION} FROM iterations WHERE run_key = ?", run_key)

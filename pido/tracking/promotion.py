@@ -24,6 +24,7 @@ from pido.core.errors import RegistryError, SettingsError
 from pido.core.files import write_atomically
 from pido.core.names import file_name
 from pido.physics_journal import in_force, journal
+from pido.store import Store
 from pido.tracking import audit
 from pido.tracking.audit import Record
 from pido.tracking.bundle import Bundle, load, verify
@@ -119,7 +120,8 @@ def trained_on_withdrawn(workspace: Workspace, machine: str) -> dict[int, list[s
     for version in Ledger(workspace.ledger).versions(machine):
         # A bundle that somebody has cleared away is approved by nobody.
         there = (workspace.bundles / version.bundle).exists()
-        learnt = load(workspace.bundles, version.bundle).content.get("parts", []) if there else []
+        parts = load(workspace.bundles, version.bundle).content.get("parts", []) if there else []
+        learnt = set(Store(workspace.store).today(parts).values())
         if names := [record.name for digest, record in gone.items() if digest in learnt]:
             found[version.version] = names
     return found

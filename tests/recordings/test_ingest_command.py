@@ -41,6 +41,15 @@ def test_a_good_part_is_stored_once(tmp_path):
     assert (code, again["state"], again["digest"]) == (0, "known", row["digest"])
 
 
+def test_process_quantities_that_come_later_complete_the_stored_part_and_it_is_said(tmp_path):
+    part, later = _part(tmp_path), _part(tmp_path / "later", f_x_sim=np.ones(N), mrr_sim=np.ones(N))
+    _run(tmp_path / "store", part)
+    code, (row,) = _run(tmp_path / "store", later)
+    assert (code, row["state"], row["part"]) == (0, "completed", "p01")
+    assert any("stored without f_x_sim, mrr_sim" in note for note in row["notes"])
+    assert {"f_x_sim", "mrr_sim"} <= set(Store(tmp_path / "store").load(row["digest"]).columns)
+
+
 def _truncated(folder):
     file = folder / "recording.parquet"
     file.write_bytes(file.read_bytes()[:1000])

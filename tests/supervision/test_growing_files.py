@@ -143,3 +143,13 @@ def test_a_copy_that_is_brought_up_to_date_goes_on(tables, tmp_path):
     file = _followed(live, *steps)
     assert _times(file) == tables[0]["time"].tolist()
     assert not file.replaced
+
+
+def test_a_recorded_load_is_no_air_cut_and_what_is_missing_beside_it_is_not_taken_as_nothing(tables, tmp_path):
+    path = tmp_path / "part.csv"
+    pushed = tables[0].drop(columns=["f_sp_sim", "mrr_sim"]).assign(f_x_sim=264.9)
+    path.write_text("".join(_lines(pushed)))
+    with pytest.raises(RecordingError, match=r"mrr_sim cannot be taken as 0.*f_x_sim is up to 264.9 N"):
+        list(blocks(_followed(path), 50.0, True))
+    path.write_text("".join(_lines(pushed.assign(mrr_sim=5.0))))
+    assert all((columns["f_x_sim"] == 264.9).all() for _, columns in blocks(_followed(path), 50.0, True))
