@@ -145,7 +145,7 @@ def nothing_new(machine: str, part: str, version: int) -> str:
 def page(place: Workspace, outcome: dict[str, Any], fault: str) -> str:
     """Markdown of a new version: the gate's words, how to decide, where MLflow shows it, and the errors.
 
-    fault : why MLflow has not got it yet, or ''
+    fault : why MLflow has not got everything yet, a sentence, or ''
     """
     machine, version = outcome["machine"], outcome["version"]
     lines = [
@@ -157,8 +157,8 @@ def page(place: Workspace, outcome: dict[str, Any], fault: str) -> str:
         lines += ["To put it in force, with your name and your reason (or by the deployment `promote`):"]
         lines += [call(place, machine, "approve", str(version))]
     found = Ledger(place.ledger).iteration(outcome["run_key"])
-    if fault:
-        lines += [f"Not in MLflow yet ({in_markdown(fault)}); it is logged with the next iteration."]
+    if fault and (found is None or found in Ledger(place.ledger).not_logged(place.tracking_place)):
+        lines += [f"Not in MLflow yet ({in_markdown(fault)})."]
     elif found is not None and (link := pages.address_of(place, found)):
         lines += [f"[Its run in MLflow]({link})"]
     return "\n\n".join([*lines, "\n".join(markdown(outcome["metrics"]))])

@@ -82,7 +82,7 @@ def promote(workspace: str, machine: str, version: int) -> State:
         decide = approve if answer.decision == "approve" else promotion.reject
         record = decide(place, machine, version, by=answer.by, reason=answer.reason)
         if fault := mirror.try_reconcile(place, machine):
-            get_run_logger().warning("MLflow's aliases will follow later: %s", fault)
+            get_run_logger().warning("The decision stands; MLflow's aliases will follow later: %s", fault)
         return _said(decided(record), place, machine)
 
 

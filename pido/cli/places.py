@@ -92,4 +92,4 @@ def follow(workspace: Workspace, machine: str) -> None:
 
     fault = mirror.try_reconcile(workspace, machine)
     if fault:
-        click.echo(f"MLflow's aliases will follow later: {fault}", err=True)
+        click.echo(f"The decision stands; MLflow's aliases will follow later: {fault}", err=True)

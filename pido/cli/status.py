@@ -27,14 +27,16 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
     from pido.backlog import standing
     from pido.core.clock import utc
     from pido.physics_journal import in_force, journal, outcome
-    from pido.tracking import promotion
+    from pido.tracking import promotion, whereabouts
     from pido.tracking.ledger import Ledger
     from pido.tracking.moved import left_behind
+    from pido.workspace import without_secrets
 
     workspace = existing(folder)
     ledger = Ledger(workspace.ledger)
     now = {machine: promotion.champion(workspace, machine) for machine in ledger.machines()}
     physics = {machine: journal(workspace, machine) for machine in ledger.machines()}
+    logged_at, there = whereabouts.elsewhere(workspace)
     last = {machine: (done[-1].version, done[-1].summary.get("physics", {})) if done else (0, {})
             for machine in ledger.machines() for done in [ledger.iterations(machine)]}  # fmt: skip
     answer = {
@@ -62,7 +64,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             for a in ledger.rejections()
         ],
         "still_to_do": [asdict(one) for one in standing(workspace)],
-        "not_in_mlflow_yet": len(ledger.not_logged(workspace.tracking_place)),
+        "not_in_mlflow_yet": len(ledger.not_logged(there or workspace.tracking_place)),
+        "mlflow_at": logged_at or without_secrets(workspace.tracking_uri),
         "mlflow_looks_in": left_behind(workspace),
     }
     if as_json:
@@ -93,7 +96,10 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         click.echo(f"rejected  {about}{where}: {a['reason']}")
     for one in answer["still_to_do"]:
         click.echo(f"still to do  {Path(one['path']).name}, tried {one['tries']} time(s): {one['reason']}")
-    if answer["not_in_mlflow_yet"]:
+    if logged_at:
+        done = sum(len(ledger.iterations(machine)) for machine in now) - answer["not_in_mlflow_yet"]
+        click.echo(f"{done} iteration(s) are {whereabouts.words(logged_at)}; `pido iterate` would log them here too")
+    elif answer["not_in_mlflow_yet"]:
         where = "in MLflow where settings and environment have it now"
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) are not {where}; `pido iterate` logs them")
     for there in answer["mlflow_looks_in"]:
