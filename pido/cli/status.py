@@ -26,6 +26,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
 
     from pido.backlog import standing
     from pido.core.clock import utc
+    from pido.core.names import one_line
     from pido.physics_journal import in_force, journal, outcome
     from pido.tracking import promotion, whereabouts
     from pido.tracking.ledger import Ledger
@@ -82,20 +83,23 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                         "               not compared with the champion in force: approving judges it again first"
                     )
         for e in state["physics"]:
-            click.echo(f"  physics {e['id']}  {e['outcome']} ({e['by']}: {e['reason']})")
+            click.echo(f"  physics {e['id']}  {e['outcome']} ({one_line(e['by'])}: {one_line(e['reason'])})")
         if history:
             decided = [(r["at"], f"{r['action']} {r['version']}", r) for r in state["decisions"]]
             decided += [(e["at"], f"{e['action']} physics {e['id']}", e) for e in state["physics_decisions"]]
             for at, what, who in sorted(decided, key=lambda d: d[0]):
-                click.echo(f"  {at}  {what} by {who['by']}: {who['reason']}")
+                click.echo(f"  {at}  {what} by {one_line(who['by'])}: {one_line(who['reason'])}")
     if not answer["machines"]:
         click.echo("no iteration yet")
     for a in answer["rejected"]:
-        about = "  ".join(filter(None, (a["at"], a["machine"], a["name"])))
-        where = f", now in {a['lies']}" if a["lies"] else ""
-        click.echo(f"rejected  {about}{where}: {a['reason']}")
+        about = "  ".join(filter(None, (a["at"], one_line(a["machine"]), one_line(a["name"]))))
+        where = f", now in {one_line(a['lies'])}" if a["lies"] else ""
+        why = a["reason"].partition(" Known are:\n")[0]  # the formats that there are: once is enough, beside the file
+        click.echo(f"rejected  {about}{where}: " + "\n    ".join(map(one_line, why.splitlines())))
     for one in answer["still_to_do"]:
-        click.echo(f"still to do  {Path(one['path']).name}, tried {one['tries']} time(s): {one['reason']}")
+        tried = f", tried {one['tries']} time(s)" if one["tries"] else ", waiting"
+        reason = f": {one_line(one['reason'])}" if one["reason"] else ""
+        click.echo(f"still to do  {one_line(Path(one['path']).name)}{tried}{reason}")
     if logged_at:
         done = sum(len(ledger.iterations(machine)) for machine in now) - answer["not_in_mlflow_yet"]
         click.echo(f"{done} iteration(s) are {whereabouts.words(logged_at)}; `pido iterate` would log them here too")

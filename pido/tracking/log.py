@@ -26,6 +26,7 @@ from pido.reports.iteration import iteration_page
 from pido.reports.page import write_page
 from pido.tracking import model_files, report_files
 from pido.tracking.bundle import Bundle, load
+from pido.tracking.fate import fate
 from pido.tracking.figures import figures, markdown, table
 from pido.tracking.ledger import Iteration, Ledger
 from pido.tracking.mirror import behind, reconcile
@@ -156,7 +157,8 @@ def _write(
         with tempfile.TemporaryDirectory() as folder:
             done = Ledger(workspace.ledger).iterations(iteration.machine)
             earlier = [one.summary for one in done if one.version <= iteration.version]
-            write_page(iteration_page(files, iteration.version, earlier), Path(folder) / "index.html")
+            became = fate(workspace, iteration.machine, iteration.version)
+            write_page(iteration_page(files, iteration.version, earlier, became), Path(folder) / "index.html")
             mlflow.log_artifacts(folder, "report")
         # Models before metrics: MLflow reads the history of every metric of the run again for each model it logs.
         _register(workspace, store, run_id, iteration, bundle)

@@ -1,4 +1,4 @@
-"""Where iterations were logged is known to every shell; what derives can be deleted; a database that is away says so."""
+"""Where iterations were logged is known to every shell; what derives can be deleted; a database may be away."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def not_at(root: Path, uri: str) -> int:
     return len(Ledger(place.ledger).not_logged(place.tracking_place))
 
 
-def data_sets(uri: str) -> dict[str, set[str]]:
-    """Version -> names of the data sets that its run names as its inputs."""
+def data_sets(uri: str) -> dict[str, tuple[list[str], str]]:
+    """Version -> names of the data sets that its run names as its inputs, and what it says was left out."""
     code = (
         "import json, sys, mlflow\n"
         "store = mlflow.MlflowClient(sys.argv[1])\n"
