@@ -16,8 +16,9 @@ from pido.cli.places import existing, workspace_option
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")
 @click.option("--history", is_flag=True, help="also every decision in the audit log")
 def command(folder: Path, as_json: bool, history: bool) -> None:
-    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that are still to be
-    done, or that were rejected and not put right since (a later one of the same name and machine was taken in).
+    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that lie in a watched
+    inbox and are still to be done, or that were rejected and not put right since (a later one of the same name and
+    machine was taken in).
 
     \b
     pido status --workspace plant --history
