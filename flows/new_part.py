@@ -118,19 +118,21 @@ def iteration(workspace: str, machine: str, part: str | None, name: str = "") ->
             retrain(workspace, run_key)
             evaluate(workspace, run_key)
             publish(workspace, run_key)
-            production.clear(workspace, run_key)
+        # What was needed on the way stays until all is told: a run that is killed after `publish` owes the rest.
+        owed = production.on_its_way(workspace, run_key)
         fault = log(workspace)["fault"]
-    outcome = production.outcome(workspace, run_key)
-    if not new:
-        said = nothing_new(machine, name, outcome["version"])
-        logger.info(said)
-        create_markdown_artifact(markdown=in_markdown(said), description=in_markdown(said))  # of this run alone
-    if (new or part is None) and due(workspace, machine) and (missing := ask_diagnosis(str(place.root), machine)):
-        logger.warning("no diagnosis: %s", missing)
-    if new:
-        text, headline = page(place, outcome, fault), _headline(outcome)
-        create_markdown_artifact(key=key(place, "iteration", machine), markdown=text, description=headline)
-    about = outcome["part"]["name"] if new or not name else name
+        outcome = production.outcome(workspace, run_key)
+        if not owed:
+            said = nothing_new(machine, name, outcome["version"])
+            logger.info(said)
+            create_markdown_artifact(markdown=in_markdown(said), description=in_markdown(said))  # of this run alone
+        if (owed or part is None) and due(workspace, machine) and (missing := ask_diagnosis(str(place.root), machine)):
+            logger.warning("no diagnosis: %s", missing)
+        if owed:
+            text, headline = page(place, outcome, fault), _headline(outcome)
+            create_markdown_artifact(key=key(place, "iteration", machine), markdown=text, description=headline)
+            production.clear(workspace, run_key)
+    about = outcome["part"]["name"] if owed or not name else name
     return {"machine": machine, "part": about, "version": outcome["version"], "run_key": run_key, "new": new}
 
 

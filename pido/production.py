@@ -331,6 +331,11 @@ def log(root: str) -> dict[str, Any]:
     return {"logged": logged, "fault": fault}
 
 
+def on_its_way(root: str, key: str) -> bool:
+    """Whether an iteration was begun and not cleared away: what it found may be published, and not told yet."""
+    return (Workspace.open(root).work / key).exists()
+
+
 def clear(root: str, key: str) -> None:
     """Remove what an iteration needed on its way."""
     shutil.rmtree(Workspace.open(root).work / key, ignore_errors=True)
