@@ -7,6 +7,7 @@ what dies is started again; Ctrl-C or SIGTERM stops all of it. `backup` and `res
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from flows.server import ServerError, die_with_parent, free_port, stop
 from pido.core.errors import PidoError
 
 Running = dict[str, "subprocess.Popen[bytes]"]
+SHELL = ("PIDO_WORKSPACE", "MLFLOW_TRACKING_URI", "MLFLOW_TRACKING_USERNAME")
 STEADY_S = 600.0
 """A service that ran so long is started again at once when it dies, whatever was before, s."""
 
@@ -164,6 +166,7 @@ def _up(folder: Path) -> None:
             click.echo(f"MLflow    {settings.mlflow_page}   (login {settings.mlflow_user})")
             click.echo(f"inbox     {settings.workspace / 'inbox'}")
             kept = settings.folder / "secrets.env"
+            click.echo(f"a shell   {shell(settings)}")
             click.echo(f"passwords {kept if kept.exists() else 'from the environment'}")
             sys.stdout.flush()
             while True:
@@ -171,6 +174,15 @@ def _up(folder: Path) -> None:
                 plant.look_after()
     except KeyboardInterrupt:
         click.echo("stopped", err=True)
+
+
+def shell(settings: PlantSettings) -> str:
+    """What points a shell at the plant: `pido status` and decisions then speak to its MLflow. No password is in it."""
+    kept = settings.folder / "secrets.env"
+    own = f"$(sed -n s/^PIDO_MLFLOW_PASSWORD=//p {shlex.quote(str(kept))})"
+    values = [f"{name}={shlex.quote(settings.client_environment()[name])}" for name in SHELL]
+    password = own if kept.exists() and not os.environ.get("PIDO_MLFLOW_PASSWORD") else "$PIDO_MLFLOW_PASSWORD"
+    return f'export {" ".join(values)} MLFLOW_TRACKING_PASSWORD="{password}"'
 
 
 @contextmanager

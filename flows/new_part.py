@@ -118,19 +118,21 @@ def iteration(workspace: str, machine: str, part: str | None, name: str = "") ->
             retrain(workspace, run_key)
             evaluate(workspace, run_key)
             publish(workspace, run_key)
-            production.clear(workspace, run_key)
+        # What was needed on the way stays until all is told: a run that is killed after `publish` owes the rest.
+        owed = production.on_its_way(workspace, run_key)
         fault = log(workspace)["fault"]
-    outcome = production.outcome(workspace, run_key)
-    if not new:
-        said = nothing_new(machine, name, outcome["version"])
-        logger.info(said)
-        create_markdown_artifact(markdown=in_markdown(said), description=in_markdown(said))  # of this run alone
-    if (new or part is None) and due(workspace, machine) and (missing := ask_diagnosis(str(place.root), machine)):
-        logger.warning("no diagnosis: %s", missing)
-    if new:
-        text, headline = page(place, outcome, fault), _headline(outcome)
-        create_markdown_artifact(key=key(place, "iteration", machine), markdown=text, description=headline)
-    about = outcome["part"]["name"] if new or not name else name
+        outcome = production.outcome(workspace, run_key)
+        if not owed:
+            said = nothing_new(machine, name, outcome["version"])
+            logger.info(said)
+            create_markdown_artifact(markdown=in_markdown(said), description=in_markdown(said))  # of this run alone
+        if (owed or part is None) and due(workspace, machine) and (missing := ask_diagnosis(str(place.root), machine)):
+            logger.warning("no diagnosis: %s", missing)
+        if owed:
+            text, headline = page(place, outcome, fault), _headline(outcome)
+            create_markdown_artifact(key=key(place, "iteration", machine), markdown=text, description=headline)
+            production.clear(workspace, run_key)
+    about = outcome["part"]["name"] if owed or not name else name
     return {"machine": machine, "part": about, "version": outcome["version"], "run_key": run_key, "new": new}
 
 
@@ -145,7 +147,7 @@ def nothing_new(machine: str, part: str, version: int) -> str:
 def page(place: Workspace, outcome: dict[str, Any], fault: str) -> str:
     """Markdown of a new version: the gate's words, how to decide, where MLflow shows it, and the errors.
 
-    fault : why MLflow has not got it yet, or ''
+    fault : why MLflow has not got everything yet, a sentence, or ''
     """
     machine, version = outcome["machine"], outcome["version"]
     lines = [
@@ -157,8 +159,8 @@ def page(place: Workspace, outcome: dict[str, Any], fault: str) -> str:
         lines += ["To put it in force, with your name and your reason (or by the deployment `promote`):"]
         lines += [call(place, machine, "approve", str(version))]
     found = Ledger(place.ledger).iteration(outcome["run_key"])
-    if fault:
-        lines += [f"Not in MLflow yet ({in_markdown(fault)}); it is logged with the next iteration."]
+    if fault and (found is None or found in Ledger(place.ledger).not_logged(place.tracking_place)):
+        lines += [f"Not in MLflow yet ({in_markdown(fault)})."]
     elif found is not None and (link := pages.address_of(place, found)):
         lines += [f"[Its run in MLflow]({link})"]
     return "\n\n".join([*lines, "\n".join(markdown(outcome["metrics"]))])

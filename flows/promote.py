@@ -38,13 +38,15 @@ from pido.workspace import Workspace, digest_of
 WAIT_S = 30 * 86400
 _SAID = r"\S"
 """Something is written there."""
+_NAME = r"^[^\x00-\x1f\x7f-\x9f]*[^\s\x00-\x1f\x7f-\x9f][^\x00-\x1f\x7f-\x9f]*$"
+"""The same, in one line."""
 
 
 class Decision(RunInput):
     """What the form asks. Nothing is decided beforehand."""
 
     decision: Literal["approve", "reject"] = Field(description="reject is final: this version can never be approved")
-    by: str = Field(description="your name", min_length=1, pattern=_SAID)
+    by: str = Field(description="your name", min_length=1, pattern=_NAME)
     reason: str = Field(description="why; it is kept with the decision", min_length=1, pattern=_SAID)
 
 
@@ -85,7 +87,7 @@ def promote(workspace: str, machine: str, version: int) -> State:
         decide = approve if answer.decision == "approve" else promotion.reject
         record = decide(place, machine, version, by=answer.by, reason=answer.reason)
         if fault := mirror.try_reconcile(place, machine):
-            get_run_logger().warning("MLflow's aliases will follow later: %s", fault)
+            get_run_logger().warning("The decision stands; MLflow's aliases will follow later: %s", fault)
         return _said(decided(record), place, machine)
 
 

@@ -24,11 +24,12 @@ from prefect.deployments import run_deployment
 from prefect.events import emit_event
 from prefect.exceptions import PrefectException
 from prefect.runtime import flow_run
+from prefect.settings import PREFECT_API_URL
 from prefect.states import Crashed
 
 from flows import ownership
 from pido.arrivals import machine_said
-from pido.workspace import Workspace, digest_of
+from pido.workspace import Workspace, digest_of, without_secrets
 
 log = logging.getLogger(__name__)
 ARRIVAL = "arrival"
@@ -46,6 +47,19 @@ SURE_S = 5.0
 """Between a run's last work and its word that it has ended, its process holds no lock for a moment, s."""
 AWAY = (HTTPError, PrefectException, OSError, RuntimeError, ownership.NotServedError)
 """What is raised where Prefect's server or the worker is away, or goes away while it is asked."""
+
+
+def server() -> str:
+    """The address of Prefect's API, from the environment or Prefect's own settings; '' where none is named."""
+    return PREFECT_API_URL.value() or ""
+
+
+def fault_of(error: Exception) -> str:
+    """One of AWAY in a person's words: whether Prefect is away, or has no worker."""
+    if isinstance(error, ownership.NotServedError):
+        return f"Prefect is there, but {error} yet"
+    said = str(error).strip() or type(error).__name__
+    return f"Prefect cannot be reached at {without_secrets(server())} ({said.splitlines()[0]})"
 
 
 def submit(workspace: str, path: str, digest: str, machine: str | None, *, patient: bool = False) -> bool:

@@ -1,6 +1,7 @@
 """Arrivals that could not be done yet: which are tried again now, and what `pido status` says of the others.
 
-In:  what an inbox holds, look after look, and why tries failed. Out: what is due; a file in the workspace's `backlog/`.
+In:  what an inbox holds, look after look, and why tries failed.
+Out: what is due; all that is not done, in a file in the workspace's `backlog/`.
 
 An arrival is known by its digest, so one that is brought again otherwise starts afresh. Each further try waits twice as
 long as the one before, and never holds up another arrival.
@@ -27,7 +28,8 @@ FIRST_S, LONGEST_S = 2.0, 300.0
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """An arrival that was tried and is still there. `reason`: why, '' while its first try may be on its way."""
+    """An arrival that is still there. `tries`: 0 while it waits for its turn; `reason`: why it is not done, '' while it
+    waits or its first try may be on its way."""
 
     path: str
     tries: int
@@ -42,11 +44,13 @@ class Backlog:
         self._now = now
         self._tried: dict[str, Standing] = {}
         self._next: dict[str, float] = {}
+        self._here: list[Arrived] = []
+        self._held = ""
         self._written: list[Standing] | None = None
 
     def due(self, arrived: Sequence[Arrived]) -> list[Arrived]:
         """What is to be tried now: what was tried least first, else in the order given. What is gone is forgotten."""
-        here = {one.digest for one in arrived}
+        here, self._here = {one.digest for one in arrived}, list(arrived)
         self._tried = {key: standing for key, standing in self._tried.items() if key in here}
         self._next = {key: when for key, when in self._next.items() if key in here}
         self._write()
@@ -68,13 +72,18 @@ class Backlog:
         self._write()
         return wait
 
+    def held(self, reason: str) -> None:
+        """Nothing can be tried for this reason, '' where that is over."""
+        self._held = reason
+        self._write()
+
     def reason(self, one: Arrived) -> str:
         """Why this arrival could not be done, '' where nothing is known against it."""
         known = self._tried.get(one.digest)
-        return "" if known is None else known.reason
+        return known.reason or self._held if known else self._held
 
     def _write(self) -> None:
-        standing = [one for one in self._tried.values() if one.reason]
+        standing = [Standing(str(one.path), self.tries(one), self.reason(one)) for one in self._here]
         if standing == self._written:
             return
         try:

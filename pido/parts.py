@@ -111,7 +111,7 @@ class Refused(PidoError):
 
 def samples_of(workspace: Workspace, digest: str) -> Samples:
     """Rows of a part to learn from: as kept, or made again from the store; without those of alarms answered as true."""
-    samples = load_samples(_made(workspace, digest))
+    samples = load_samples(rows_file(workspace, digest))
     entry = entry_of(workspace, digest)
     excluded = workspace.excluded(entry.machine)
     stretches = [
@@ -130,10 +130,11 @@ def samples_of(workspace: Workspace, digest: str) -> Samples:
 def lost_of(workspace: Workspace, digest: str) -> Int1D:
     """(m,): samples of a part of which no row could be made for want of a value, though the tool may have been engaged;
     numbered as its rows are."""
-    return load_lost(_made(workspace, digest))
+    return load_lost(rows_file(workspace, digest))
 
 
-def _made(workspace: Workspace, digest: str) -> Path:
+def rows_file(workspace: Workspace, digest: str) -> Path:
+    """The file with the rows of a part, which is made again from the store where it is gone."""
     path = samples_path(workspace, digest)
     if not path.exists():
         samples, lost = _samples(workspace, Store(workspace.store).load(digest), digest)

@@ -43,7 +43,7 @@ from pido.parts import entry_of, ingest, machine_of, recipe_of, samples_of, samp
 from pido.rows import training_rows
 from pido.sampling.method import Adaptation
 from pido.store import Store
-from pido.tracking import bundle, mirror, model_files
+from pido.tracking import bundle, mirror, model_files, whereabouts
 from pido.tracking.ledger import Ledger
 from pido.tracking.report_files import OTHER_END, RunFiles
 from pido.tracking.withdrawn import withdrawn
@@ -322,16 +322,23 @@ STAGES: tuple[Stage, ...] = (bins, refit, balance, retrain, evaluate, publish)
 
 
 def log(root: str) -> dict[str, Any]:
-    """Bring MLflow up to the ledger. Where it cannot be reached the answer says why, and the next call tries again."""
+    """Bring MLflow up to the ledger. Where it cannot be reached, or files are gone, the answer says so in a sentence,
+    and the next call tries again."""
     workspace = Workspace.open(root)
     if mirror.up_to_date(workspace):
+        whereabouts.remember(workspace)
         return {"logged": 0, "fault": ""}
     from pido.tracking.log import try_log_pending
 
     logged, fault = try_log_pending(workspace)
     if fault:
-        log_.warning("MLflow cannot be reached (%s); nothing is lost, it is logged later", fault)
+        log_.warning("%s", fault)
     return {"logged": logged, "fault": fault}
+
+
+def on_its_way(root: str, key: str) -> bool:
+    """Whether an iteration was begun and not cleared away: what it found may be published, and not told yet."""
+    return (Workspace.open(root).work / key).exists()
 
 
 def clear(root: str, key: str) -> None:

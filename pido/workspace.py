@@ -16,6 +16,7 @@ Out: the places of store, ledger, bundles, registry and locks, and the key under
       diagnosis/       what the simulation of the newest parts left out, per machine (can be deleted)
       backlog/         what in an inbox could not be done yet
       workspace.id     which it is, on a Prefect or MLflow server that several share
+      mlflow.json      where iterations were last logged
 """
 
 from __future__ import annotations
@@ -32,7 +33,6 @@ from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
 
@@ -205,8 +205,7 @@ class Workspace:
         s, uri = self.settings, self.tracking_uri
         named = s.tracking_page or (None if s.tracking_uri else os.environ.get(MLFLOW_PAGE))
         if not named and uri.startswith("http"):
-            parts = urlsplit(uri)
-            named = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+            named = without_secrets(uri)
         return (named or "").rstrip("/")
 
     @property
@@ -338,6 +337,17 @@ class Workspace:
                         ) from None
                     time.sleep(0.05)
             yield
+
+
+def without_secrets(uri: str) -> str:
+    """An address without the user, password and options that it may hold.
+
+    >>> without_secrets("http://ann:secret@plant:5000"), without_secrets("postgresql://ann:p@db/mlflow?sslpassword=q")
+    ('http://plant:5000', 'postgresql://db/mlflow')
+    """
+    scheme, slashes, rest = uri.partition("://")
+    host, slash, path = rest.partition("?")[0].partition("/")
+    return scheme + slashes + host.rpartition("@")[2] + slash + path
 
 
 def code_version() -> str:

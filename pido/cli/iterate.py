@@ -110,4 +110,4 @@ def _say(answer: dict[str, Any], as_json: bool) -> None:
     for one in answer["rejected"]:
         click.echo(f"rejected {one['path']}: {one['reason']}", err=True)
     if answer.get("fault"):
-        click.echo(f"not in MLflow yet ({answer['fault']}); it is logged with the next iteration", err=True)
+        click.echo(answer["fault"], err=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from pido.core.errors import RegistryError
+from pido.core.names import one_line
 from pido.tracking.audit import Record
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
@@ -77,13 +78,12 @@ def one_machine(workspace: Workspace, machine: str | None) -> str:
 
 def show(record: Record) -> None:
     """What is in force now, or what was refused."""
+    by, reason = one_line(record.by), one_line(record.reason)
     if record.action == "reject":
-        click.echo(f"{record.machine}: version {record.version} rejected by {record.by}: {record.reason}")
+        click.echo(f"{record.machine}: version {record.version} rejected by {by}: {reason}")
         return
     how = {"approve": "approved", "rollback": "rolled back"}[record.action]
-    click.echo(
-        f"{record.machine}: version {record.version} is champion ({how} by {record.by}, {record.at}: {record.reason})"
-    )
+    click.echo(f"{record.machine}: version {record.version} is champion ({how} by {by}, {record.at}: {reason})")
 
 
 def follow(workspace: Workspace, machine: str) -> None:
@@ -92,4 +92,4 @@ def follow(workspace: Workspace, machine: str) -> None:
 
     fault = mirror.try_reconcile(workspace, machine)
     if fault:
-        click.echo(f"MLflow's aliases will follow later: {fault}", err=True)
+        click.echo(f"The decision stands; MLflow's aliases will follow later: {fault}", err=True)

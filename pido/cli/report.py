@@ -40,6 +40,7 @@ def iteration(version: int | None, folder: Path, machine: str | None, out: Path)
     from pido.reports.iteration import iteration_page
     from pido.reports.page import write_page
     from pido.tracking import report_files
+    from pido.tracking.fate import fate
     from pido.tracking.ledger import Ledger
 
     workspace = existing(folder)
@@ -51,7 +52,8 @@ def iteration(version: int | None, folder: Path, machine: str | None, out: Path)
         raise RegistryError(f"{machine} has no version {version}. Versions: {known or 'none yet'}.")
     files = report_files.load(workspace.runs, chosen[-1].run_key)
     earlier = [one.summary for one in done[: done.index(chosen[-1]) + 1]]
-    write_page(iteration_page(files, chosen[-1].version, earlier), out)
+    became = fate(workspace, machine, chosen[-1].version)
+    write_page(iteration_page(files, chosen[-1].version, earlier, became), out)
     click.echo(out)
 
 

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")
 @click.option("--history", is_flag=True, help="also every decision in the audit log")
 def command(folder: Path, as_json: bool, history: bool) -> None:
-    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that are still to be
-    done, or that were rejected and not put right since (a later one of the same name and machine was taken in).
+    """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that lie in a watched
+    inbox and are still to be done, or that were rejected and not put right since (a later one of the same name and
+    machine was taken in).
 
     \b
     pido status --workspace plant --history
@@ -31,17 +32,20 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
 
     from pido.backlog import standing
     from pido.core.clock import utc
+    from pido.core.names import one_line
     from pido.physics_journal import in_force, journal, outcome
     from pido.supervision.book import Book
-    from pido.tracking import promotion
+    from pido.tracking import promotion, whereabouts
     from pido.tracking.ledger import Ledger
     from pido.tracking.moved import left_behind
     from pido.tracking.withdrawn import parts, withdrawn
+    from pido.workspace import without_secrets
 
     workspace = existing(folder)
     ledger = Ledger(workspace.ledger)
     now = {machine: promotion.champion(workspace, machine) for machine in ledger.machines()}
     physics = {machine: journal(workspace, machine) for machine in ledger.machines()}
+    logged_at, there = whereabouts.elsewhere(workspace)
     last = {machine: (done[-1].version, done[-1].summary.get("physics", {})) if done else (0, {})
             for machine in ledger.machines() for done in [ledger.iterations(machine)]}  # fmt: skip
     answer = {
@@ -75,7 +79,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             for a in ledger.rejections()
         ],
         "still_to_do": [asdict(one) for one in standing(workspace)],
-        "not_in_mlflow_yet": len(ledger.not_logged(workspace.tracking_place)),
+        "not_in_mlflow_yet": len(ledger.not_logged(there or workspace.tracking_place)),
+        "mlflow_at": logged_at or without_secrets(workspace.tracking_uri),
         "mlflow_looks_in": left_behind(workspace),
     }
     if as_json:
@@ -100,24 +105,30 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             n, on = sum(state["open_alarms"].values()), ", ".join(d[:12] for d in state["open_alarms"])
             click.echo(f"  {n} unanswered alarm(s) of the monitor on part(s) {on}: `pido monitor PART` shows them")
         for r in state["withdrawn"]:
-            about = f"{r['part']} ({r['digest'][:12]})  by {r['by']}, {r['at']}: {r['reason']}"
+            about = f"{r['part']} ({r['digest'][:12]})  by {one_line(r['by'])}, {r['at']}: {one_line(r['reason'])}"
             click.echo(f"  withdrawn  {about}")
         for e in state["physics"]:
-            click.echo(f"  physics {e['id']}  {e['outcome']} ({e['by']}: {e['reason']})")
+            click.echo(f"  physics {e['id']}  {e['outcome']} ({one_line(e['by'])}: {one_line(e['reason'])})")
         if history:
             decided = [(r["at"], f"{r['action']} {r['name'] or r['version']}", r) for r in state["decisions"]]
             decided += [(e["at"], f"{e['action']} physics {e['id']}", e) for e in state["physics_decisions"]]
             for at, what, who in sorted(decided, key=lambda d: d[0]):
-                click.echo(f"  {at}  {what} by {who['by']}: {who['reason']}")
+                click.echo(f"  {at}  {what} by {one_line(who['by'])}: {one_line(who['reason'])}")
     if not answer["machines"]:
         click.echo("no iteration yet")
     for a in answer["rejected"]:
-        about = "  ".join(filter(None, (a["at"], a["machine"], a["name"])))
-        where = f", now in {a['lies']}" if a["lies"] else ""
-        click.echo(f"rejected  {about}{where}: {a['reason']}")
+        about = "  ".join(filter(None, (a["at"], one_line(a["machine"]), one_line(a["name"]))))
+        where = f", now in {one_line(a['lies'])}" if a["lies"] else ""
+        why = a["reason"].partition(" Known are:\n")[0]  # the formats that there are: once is enough, beside the file
+        click.echo(f"rejected  {about}{where}: " + "\n    ".join(map(one_line, why.splitlines())))
     for one in answer["still_to_do"]:
-        click.echo(f"still to do  {Path(one['path']).name}, tried {one['tries']} time(s): {one['reason']}")
-    if answer["not_in_mlflow_yet"]:
+        tried = f", tried {one['tries']} time(s)" if one["tries"] else ", waiting"
+        reason = f": {one_line(one['reason'])}" if one["reason"] else ""
+        click.echo(f"still to do  {one_line(Path(one['path']).name)}{tried}{reason}")
+    if logged_at:
+        done = sum(len(ledger.iterations(machine)) for machine in now) - answer["not_in_mlflow_yet"]
+        click.echo(f"{done} iteration(s) are {whereabouts.words(logged_at)}; `pido iterate` would log them here too")
+    elif answer["not_in_mlflow_yet"]:
         where = "in MLflow where settings and environment have it now"
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) are not {where}; `pido iterate` logs them")
     for there in answer["mlflow_looks_in"]:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 BEAT_S = 10.0
+FIRST_WORD_S, LAST_WORD_S = 60.0, 3600.0
+"""After which time a state that lasts is told again, and the longest such time, s."""
 SWEEP_S = 30.0
 """How often runs without a process are looked for, and MLflow is told what it has missed, s."""
 
@@ -38,8 +40,9 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     """Files and folders that appear in INBOX, by rename, slow copy or upload, each go through one iteration.
 
     What came while nobody watched is found at the start. A part that arrives twice counts once. What cannot be used
-    goes to the rejected area with its reason. Parts of one machine are done one after another, in production order. One
-    whose iteration fails holds up no other: it is tried again, more and more seldom, and `pido status` names it.
+    goes to the rejected area with its reason. Parts of one machine are done one after another, in production order;
+    with --prefect two are asked for at a time, and of those either may come first. One whose iteration fails holds up
+    no other: it is tried again, more and more seldom, and `pido status` names it.
 
     \b
     pido watch plant/inbox --workspace plant
@@ -54,6 +57,8 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     for chatty in ("httpx", "watchfiles"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
+    if prefect:
+        _named_server()
     workspace, inbox = Workspace.open(folder), inbox.absolute()  # a worker may have been started elsewhere
     place, root = inbox.resolve(), workspace.root.resolve()
     if root.is_relative_to(place) or (place.is_relative_to(root) and not place.is_relative_to(root / "inbox")):
@@ -116,26 +121,64 @@ def _silent(done: int, total: int, what: str) -> None:
 
 
 def _through_prefect(workspace: Workspace, machine: str | None, backlog: Backlog) -> Callable[[list[Arrived]], None]:
-    from flows.submit import AWAY, submit, sweep
+    from flows.submit import AWAY, fault_of, submit, sweep
     from pido.arrivals import may_have_paused
 
-    due = _every(SWEEP_S)
+    due, tell = _every(SWEEP_S), _Told()
 
     def take(arrived: list[Arrived]) -> None:
         # A server that is away for a while is no reason to stop watching: what has arrived is still there.
+        asked = False
         try:
             for one in backlog.due(arrived):
                 before, patient = backlog.tries(one), may_have_paused(one, workspace.settings.settle_s)
                 if before and patient:
                     continue  # one run has looked at it; the next one decides, when it has rested for long
+                asked = True
                 if submit(str(workspace.root), str(one.path), one.digest, machine, patient=patient):
                     backlog.tried(one, f"{before} run(s) have not taken it: see its runs in Prefect" if before else "")
             if due():
+                asked = True
                 sweep(workspace)
         except AWAY as error:
-            log.warning("Prefect cannot be reached (%s); asked again with the next look", error or type(error).__name__)
+            backlog.held(fault_of(error))
+            tell(f"{fault_of(error)}; what has arrived waits, and is asked for then")
+        else:
+            if asked:
+                backlog.held("")
+                tell("")
 
     return take
+
+
+def _named_server() -> None:
+    """Raises SettingsError where no server is named: Prefect would start one, which ends with this process."""
+    from flows.submit import server
+    from pido.core.errors import SettingsError
+
+    if not server():
+        raise SettingsError(
+            "PREFECT_API_URL is not set: name the Prefect server, as in `export "
+            "PREFECT_API_URL=http://127.0.0.1:4200/api`, or leave out --prefect."
+        )
+
+
+class _Told:
+    """Warns of a state that lasts: when it begins, then less and less often, and when it is over."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now, self._said, self._wait, self._next = now, "", 0.0, 0.0
+
+    def __call__(self, words: str) -> None:
+        """words : the state as it is now, '' where there is nothing to warn of"""
+        now, new = self._now(), words != self._said
+        if words and (new or now >= self._next):
+            self._wait = FIRST_WORD_S if new else min(2 * self._wait, LAST_WORD_S)
+            self._next = now + self._wait
+            log.warning("%s", words)
+        elif new:
+            log.info("that is over: %s", self._said.partition(";")[0])
+        self._said = words
 
 
 def _every(seconds: float) -> Callable[[], bool]:

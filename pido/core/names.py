@@ -1,4 +1,5 @@
-"""File names from identifiers that people chose: a part may be called anything, a path may not leave its folder."""
+"""File names, and lines on a terminal, from what people chose to write: a part may be called anything, a path may not
+leave its folder, nor a reason its line."""
 
 import unicodedata
 from urllib.parse import quote
@@ -25,8 +26,21 @@ def unusable(identifier: str) -> str:
     """
     if not identifier.strip():
         return "is blank"
-    if any(unicodedata.category(letter) in {"Cc", "Cs", "Zl", "Zp"} for letter in identifier):
+    if any(map(_without_a_letter, identifier)):
         return "holds a line break or another character without a letter"
     if (length := len(file_name(identifier))) > LONGEST:
         return f"is too long: {length} characters as a file name, {LONGEST} at most (one outside ASCII takes several)"
     return ""
+
+
+def one_line(text: str) -> str:
+    """What somebody wrote, as one line that a terminal shows and does not obey.
+
+    >>> print(one_line("worn\\n  approve 3"), one_line("Größe \\x1b[2J"))
+    worn\\n  approve 3 Größe \\x1b[2J
+    """
+    return "".join(letter.encode("unicode_escape").decode() if _without_a_letter(letter) else letter for letter in text)
+
+
+def _without_a_letter(letter: str) -> bool:
+    return unicodedata.category(letter) in {"Cc", "Cs", "Zl", "Zp"}

@@ -21,7 +21,7 @@ from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.identify import coarse_columns, left_over
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms.base import Mechanism
-from pido.diagnosis.misfit import lasting
+from pido.diagnosis.misfit import cancelled, lasting
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import best_addition, drop_useless, grid_terms, swap
 from pido.diagnosis.terms import Term, behind, fit
@@ -114,7 +114,8 @@ def contained(
         _LEAST_SHARE * float(np.sqrt(np.mean(sim[thin.usable] ** 2))), _LEAST_LEVEL * float(np.median(noise.level))
     )
     usual = _plainer(library, faint, usual)
-    every = _greedy(library, faint, usual)
+    every = _not_cancelled(library, faint, _greedy(library, faint, usual))
+    usual = [t for t in usual if t in every]
     out = {}
     for term in every:
         part = _component(library, faint, usual if term in usual else every, term)
@@ -175,6 +176,19 @@ def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term
         return Component(term, amplitudes, 0.0)
     effect = amplitudes @ library.columns(term)
     return Component(term, amplitudes, float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2))))
+
+
+def _not_cancelled(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """`terms` without those that others take back nearly everywhere: of two accelerations that go together in all
+    parts, the difference mends what the simulation's loop has beyond a first order."""
+    kept = list(terms)
+    while True:
+        joint = fit(library.mismatch, noise, kept)
+        effects = [a @ t.columns(library.mismatch.states) for t, a in zip(kept, joint.amplitudes, strict=True)]
+        i = cancelled(effects, library.mismatch.usable)
+        if i is None:
+            return kept
+        del kept[i]
 
 
 def _plainer(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:

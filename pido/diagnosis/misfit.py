@@ -68,7 +68,7 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
     effects = [a @ t.columns(mismatch.states) for t, a in zip(terms, joint.amplitudes, strict=True)]
     every = cross_residual(mismatch, noise, terms)
     level = float(np.median(noise.level))
-    i = _cancelled(effects, mismatch.usable)
+    i = cancelled(effects, mismatch.usable)
     if i is not None:
         return i, "another finding takes nearly all of it back: together they stand for something else"
     i = _gain_of_some(library, terms, effects)
@@ -186,7 +186,7 @@ def _differs_by_part(
     return which
 
 
-def _cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:
+def cancelled(effects: Sequence[Float1D], rows: Bool1D) -> int | None:
     """An effect that the others, alone or together, take back nearly everywhere; None where there is none.
 
     Of two that take each other back, the smaller.

@@ -5,6 +5,7 @@ In:  a path and the columns wanted. Out: float64 arrays; an empty cell is NaN.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -45,7 +46,7 @@ def read_csv(
             ),
         )
     except (pa.ArrowInvalid, pa.ArrowKeyError) as error:
-        reason = " ".join(_no_numbers(path, columns)) or f"cannot be read as CSV: {error}."
+        reason = _uneven(path) or " ".join(_no_numbers(path, columns)) or f"cannot be read as CSV: {error}."
         raise RecordingError(f"{path}: {reason} Export the recording again.") from None
     if table.num_rows == 0:
         raise RecordingError(f"{path}: the file has column names but no rows. Export the recording again.")
@@ -62,6 +63,23 @@ def read_csv(
 
 def _is_number(kind: pa.DataType) -> bool:
     return pa.types.is_integer(kind) or pa.types.is_floating(kind)
+
+
+def _uneven(path: Path) -> str:
+    """The first line that has not as many cells as there are columns, '' where all have; pyarrow does not say which."""
+    wide = len(csv_header(path))
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            lines = csv.reader(file)
+            next(lines)
+            for cells in lines:
+                if cells and len(cells) != wide:
+                    number = lines.line_num
+                    cut = ": the file may have been cut off there" if len(cells) < wide and not any(lines) else ""
+                    return f"line {number} has {len(cells)} of {wide} columns{cut}."
+    except (UnicodeDecodeError, csv.Error):
+        pass  # not a table at all: others say more
+    return ""
 
 
 def _no_numbers(path: Path, columns: list[str]) -> list[str]:

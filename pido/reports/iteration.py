@@ -36,8 +36,11 @@ MOST_NAMED = 8
 _Measured = dict[str, dict[str, float | None]]
 
 
-def iteration_page(files: RunFiles, version: int | None = None, history: Sequence[dict[str, Any]] = ()) -> Page:
-    """The page; `history`: summaries of the machine's iterations, oldest first, this one among them or not."""
+def iteration_page(
+    files: RunFiles, version: int | None = None, history: Sequence[dict[str, Any]] = (), fate: str = ""
+) -> Page:
+    """The page; `history`: summaries of the machine's iterations, oldest first, this one among them or not; `fate`:
+    what became of the version since (`pido.tracking.fate`)."""
     summary = files.summary
     measured: dict[str, _Measured] = summary["metrics"]
     name = f"Version {version}" if version is not None else "New models"
@@ -52,10 +55,10 @@ def iteration_page(files: RunFiles, version: int | None = None, history: Sequenc
         _details(summary),
     ]
     title = f"{name} of {summary['machine']}, after part {summary['part']['name']} ({len(summary['parts'])} part(s))"
-    return Page(title, verdict(summary), [s for s in sections if s is not None])
+    return Page(title, verdict(summary, fate), [s for s in sections if s is not None])
 
 
-def verdict(summary: dict[str, Any]) -> str:
+def verdict(summary: dict[str, Any], fate: str = "") -> str:
     """How wrong the models were on a new part, whether generated rows helped, and whether they may go into force."""
     measured: dict[str, _Measured] = summary["metrics"]
     if not measured:
@@ -75,8 +78,8 @@ def verdict(summary: dict[str, Any]) -> str:
             said += " Generated rows changed it by less than 1 %."
     gate = summary["gate"]
     return (
-        f"{said} The gate {'is passed' if gate.get('passed') else 'is not passed'}: this version "
-        + ("may be approved." if gate.get("passed") else "is not offered for approval.")
+        f"{said} The gate {'is passed' if gate.get('passed') else 'is not passed'}: "
+        + (fate or f"this version {'may be approved' if gate.get('passed') else 'is not offered for approval'}.")
         + "".join(f" Warning: a trivial rival has the lower error on {w}." for w in gate.get("warnings", ()))
         + "".join(f" Warning: {w}." for w in (*gate.get("alarms", ()), *gate.get("doubts", ())))
     )

@@ -21,11 +21,12 @@ import pandas as pd
 
 from pido.core.axes import AXES
 from pido.core.columns import CURRENT
-from pido.core.errors import RegistryError, StoreError
+from pido.core.errors import PidoError, RegistryError, StoreError
 from pido.reports.iteration import iteration_page
 from pido.reports.page import write_page
 from pido.tracking import model_files, report_files
 from pido.tracking.bundle import Bundle, load
+from pido.tracking.fate import fate
 from pido.tracking.figures import figures, markdown, table
 from pido.tracking.ledger import Iteration, Ledger
 from pido.tracking.mirror import behind, reconcile
@@ -41,6 +42,7 @@ from pido.tracking.mlflow_store import (
     not_installed,
 )
 from pido.tracking.report_files import RunFiles
+from pido.tracking.whereabouts import remember
 from pido.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -54,7 +56,7 @@ def log_pending(workspace: Workspace) -> int:
     MLflow is at another address than before, that is all of them.
 
     Returns how many were logged. Raises whatever MLflow raises when it cannot be reached; nothing is lost by that. At
-    the end, StoreError with the iterations whose files are gone: they hold up no other.
+    the end, StoreError with the iterations whose files are gone: they hold up no other. What derives is made anew.
     """
     ledger, place = Ledger(workspace.ledger), workspace.tracking_place
     gone: list[str] = []
@@ -64,28 +66,31 @@ def log_pending(workspace: Workspace) -> int:
         for iteration in pending:
             try:
                 ledger.logged(iteration.run_key, log_iteration(workspace, iteration), place)
-            except (StoreError, RegistryError) as error:
+            except (StoreError, RegistryError, FileNotFoundError) as error:
                 gone.append(f"version {iteration.version} of {iteration.machine}: {error}")
     machines = {iteration.machine for iteration in pending}
     for machine in ledger.machines():
         if machine in machines or behind(workspace, machine):
             reconcile(workspace, machine)
+    remember(workspace)
     if gone:
         raise StoreError(f"{len(gone)} iteration(s) cannot be logged, {gone[0]}")
     return len(pending)
 
 
 def try_log_pending(workspace: Workspace) -> tuple[int, str]:
-    """`log_pending`; where MLflow cannot be reached, or files are gone: (0, why), and what it has not got waits for the
-    next call."""
+    """`log_pending`; where MLflow cannot be reached, or files are gone: (0, why, a sentence), and what it has not got
+    waits for the next call."""
     if missing := not_installed():
-        return 0, missing
+        return 0, f"{missing}; nothing is lost, it is logged later"
     from mlflow.exceptions import MlflowException
 
     try:
         return log_pending(workspace), ""
-    except (MlflowException, OSError, StoreError) as error:
+    except StoreError as error:
         return 0, str(error).splitlines()[0]
+    except (MlflowException, OSError) as error:
+        return 0, f"MLflow has not taken it ({str(error).splitlines()[0]}); nothing is lost, it is logged later"
 
 
 def log_iteration(workspace: Workspace, iteration: Iteration) -> str:
@@ -131,13 +136,17 @@ def _write(
         "pido.code": summary["code"],
         "pido.physics": ", ".join(summary.get("physics", {}).get("accepted", [])) or "none",
         **{f"pido.data.{name}": str(d["digest"]) for name, d in summary["data"].items()},
-        "mlflow.note.content": _note(summary, iteration.version),
     }
+    real, left_out = _real(workspace, summary)
+    if left_out:
+        tags["pido.left_out"] = left_out
+        log.warning("version %d of %s: %s", iteration.version, iteration.machine, left_out)
+    tags["mlflow.note.content"] = _note(summary, iteration.version) + (f"\n\n{left_out}" if left_out else "")
     run = store.create_run(place, run_name=f"{summary['part']['name']} -> v{iteration.version}", tags=tags)
     run_id = run.info.run_id
     with mlflow.start_run(run_id=run_id):
         mlflow.log_params({name: _param(value) for name, value in flat(summary["settings"]).items()})
-        _log_data(workspace, files)
+        _log_data(workspace, files, real)
         with tempfile.TemporaryDirectory() as folder:
             for name, figure in figures(files).items():
                 figure.savefig(Path(folder) / name, dpi=80)
@@ -148,7 +157,8 @@ def _write(
         with tempfile.TemporaryDirectory() as folder:
             done = Ledger(workspace.ledger).iterations(iteration.machine)
             earlier = [one.summary for one in done if one.version <= iteration.version]
-            write_page(iteration_page(files, iteration.version, earlier), Path(folder) / "index.html")
+            became = fate(workspace, iteration.machine, iteration.version)
+            write_page(iteration_page(files, iteration.version, earlier, became), Path(folder) / "index.html")
             mlflow.log_artifacts(folder, "report")
         # Models before metrics: MLflow reads the history of every metric of the run again for each model it logs.
         _register(workspace, store, run_id, iteration, bundle)
@@ -159,17 +169,42 @@ def _write(
     return run_id
 
 
-def _log_data(workspace: Workspace, files: RunFiles) -> None:
+def _real(workspace: Workspace, summary: dict[str, Any]) -> tuple[list[Path], str]:
+    """(The files with the recorded rows, made anew where they are gone; why there are none, or '')."""
+    from pido import parts
+
+    files = [workspace.root / file for file in summary["data"]["real"]["files"]]
+    gone = 0
+    for file, part in zip(files, summary["parts"], strict=True):
+        if file.exists():
+            continue
+        try:
+            # Under today's settings and code it has a name of its own, and other rows.
+            remade = parts.samples_path(workspace, part) == file and parts.rows_file(workspace, part).exists()
+        except PidoError as error:
+            log.warning("the rows of part %s cannot be made anew: %s", part[:12], error)
+            remade = False
+        gone += not remade
+    if gone:
+        return [], (
+            f"Without its recorded rows, of which the digest is in the tag pido.data.real: {gone} of {len(files)} "
+            f"files are gone from {workspace.derived}, and were made with other settings or another version."
+        )
+    return files, ""
+
+
+def _log_data(workspace: Workspace, files: RunFiles, real: list[Path]) -> None:
     import mlflow
 
     from pido.files.samples import load_frame
 
-    real = [load_frame(workspace.root / path) for path in files.summary["data"]["real"]["files"]]
-    sets = {"real": pd.concat(real, ignore_index=True), **dict(iter(files.generated.groupby("origin")))}
+    sets = dict(iter(files.generated.groupby("origin")))
+    if real:
+        sets["real"] = pd.concat([load_frame(path) for path in real], ignore_index=True)
     for name in ("real", "pia", "pie"):
         about = files.summary["data"][name]
         if name not in sets:
-            continue  # nothing was generated: its digest and size stand in tags and metrics
+            continue  # nothing was generated, or it is gone: its digest and size stand in tags and metrics
         source = (
             workspace.runs / files.summary["run_key"] / "generated.parquet" if name != "real" else workspace.derived
         )

@@ -7,7 +7,6 @@ Doing it twice changes nothing; a promoter that died half way is put right by th
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,12 +15,12 @@ from pido.core.names import file_name
 from pido.tracking.ledger import Ledger
 from pido.tracking.mlflow_store import BUNDLE, VERSION, client, ending, model_names, not_installed
 from pido.tracking.promotion import history, standings
+from pido.tracking.whereabouts import elsewhere, words
 from pido.workspace import Workspace, digest_of
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-log = logging.getLogger(__name__)
 ALIASES = ("champion", "challenger")
 
 
@@ -71,15 +70,17 @@ def _follow(workspace: Workspace, machine: str) -> None:
 
 
 def try_reconcile(workspace: Workspace, machine: str) -> str:
-    """`reconcile`; returns '' or, where MLflow cannot be reached, why: the decision itself stands already."""
+    """`reconcile`; returns '' or, where MLflow cannot be reached or this process points elsewhere, why: the decision
+    itself stands already."""
     if missing := not_installed():
         return missing
+    if address := elsewhere(workspace)[0]:
+        return words(address)
     from mlflow.exceptions import MlflowException
 
     try:
         reconcile(workspace, machine)
     except (MlflowException, OSError) as error:
-        log.warning("MLflow's aliases of %s are not up to date: %s", machine, error)
         return str(error).splitlines()[0]
     return ""
 

@@ -10,13 +10,14 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pido.core.axes import AXES
 from pido.core.names import file_name
 from pido.tracking.ledger import Ledger
 from pido.tracking.moved import FOLDER, settle
-from pido.workspace import Workspace
+from pido.workspace import Workspace, without_secrets
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -31,6 +32,9 @@ os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
 
 KEY, VERSION, BUNDLE, OWNER = "pido.run_key", "pido.version", "pido.bundle", "pido.workspace"
 """Tags: of a run, of the version that it made and its bundle, and the id of the workspace that they are of."""
+DATABASES = ("sqlite", "postgresql", "mysql", "mssql")
+PATIENCE_S = 5
+"""For a database to answer, s."""
 KIND, TRAINING = "mlflow.experimentKind", "custom_model_development"
 """MLflow opens such an experiment with its runs; any other with an overview for language models, empty here."""
 
@@ -45,11 +49,13 @@ def client(workspace: Workspace) -> Iterator[MlflowClient]:
     """A client, with one writer at a time where the store is a SQLite file.
 
     SQLite: two processes that create the tables at the same moment would kill each other, and two writers stall.
+    Raises ConnectionError, soon, where the store is a database that does not answer.
     """
     import mlflow
 
     logging.getLogger("mlflow").setLevel(logging.WARNING)  # it tells of every table that it makes
     uri = workspace.tracking_uri
+    _answers(uri)
     with _same_environment():
         mlflow.set_tracking_uri(uri)
         mlflow.set_registry_uri(uri)
@@ -59,6 +65,29 @@ def client(workspace: Workspace) -> Iterator[MlflowClient]:
             yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
     else:
         yield mlflow.MlflowClient(tracking_uri=uri, registry_uri=uri)
+
+
+def _answers(uri: str) -> None:
+    """MLflow itself tries a database that is away fifteen times within minutes, with a page of its log for each."""
+    kind = uri.partition(":")[0].partition("+")[0]
+    if kind not in DATABASES:
+        return
+    import sqlalchemy
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        address = sqlalchemy.make_url(uri)
+        if kind == "sqlite" and address.database:
+            Path(address.database).parent.mkdir(parents=True, exist_ok=True)
+        driver = address.get_dialect().driver
+        timed = {"connect_timeout": PATIENCE_S} if driver in ("psycopg2", "psycopg", "pymysql", "mysqldb") else {}
+        engine = sqlalchemy.create_engine(uri, connect_args=timed, poolclass=sqlalchemy.NullPool)
+        with engine.connect() as connection:
+            sqlalchemy.inspect(connection).has_table("experiments")
+    except (SQLAlchemyError, ImportError, ValueError) as error:
+        why = str(getattr(error, "orig", None) or error).strip() or type(error).__name__
+        said = f"MLflow's database {without_secrets(uri)} cannot be used: {why.splitlines()[0]}"
+        raise ConnectionError(said) from None
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from pathlib import Path
 from pido.core.clock import utc_now
 from pido.core.errors import RegistryError, SettingsError
 from pido.core.files import write_atomically
-from pido.core.names import file_name
+from pido.core.names import file_name, one_line
 from pido.physics_journal import in_force, journal
 from pido.store import Store
 from pido.tracking import audit
@@ -120,8 +120,8 @@ def trained_on_withdrawn(workspace: Workspace, machine: str) -> dict[int, list[s
     for version in Ledger(workspace.ledger).versions(machine):
         # A bundle that somebody has cleared away is approved by nobody.
         there = (workspace.bundles / version.bundle).exists()
-        parts = load(workspace.bundles, version.bundle).content.get("parts", []) if there else []
-        learnt = set(Store(workspace.store).today(parts).values())
+        of_it = load(workspace.bundles, version.bundle).content.get("parts", []) if there else []
+        learnt = set(Store(workspace.store).today(of_it).values())
         if names := [record.name for digest, record in gone.items() if digest in learnt]:
             found[version.version] = names
     return found
@@ -319,7 +319,10 @@ def version_of(workspace: Workspace, machine: str, version: int) -> Version:
 
 
 def check_person(workspace: Workspace, by: str, reason: str) -> None:
-    """Raises RegistryError without a name and a reason, or without the credential where the workspace asks for one."""
+    """Raises RegistryError without a name in one line and a reason, or without the credential where the workspace asks
+    for one."""
+    if one_line(by) != by:
+        raise RegistryError(f"--by {one_line(by)!r}: a name is one line, without control characters.")
     if not by.strip() or not reason.strip():
         raise RegistryError("A decision needs who made it and why: give --by and --reason.")
     check_credential(workspace)

@@ -194,3 +194,22 @@ def test_a_password_with_a_per_cent_sign_survives_the_login_file():
     parser = configparser.ConfigParser()
     parser.read_string(login_file("postgresql://u:a%40b@h/d", "admin"))
     assert parser["mlflow"]["database_uri"] == "postgresql://u:a%40b@h/d"
+
+
+@pytest.mark.parametrize("from_environment", [False, True])
+def test_the_line_that_points_a_shell_at_the_plant_holds_no_password_and_brings_it(
+    settings, tmp_path, monkeypatch, from_environment
+):
+    from deploy.plant import shell
+
+    if from_environment:
+        monkeypatch.setenv("PIDO_MLFLOW_PASSWORD", "it's $secret")
+        settings = load(tmp_path / "other plant")
+    line = shell(settings)
+    assert settings.mlflow_password not in line
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("MLFLOW_")}
+    shown = "MLFLOW_TRACKING_URI MLFLOW_TRACKING_USERNAME MLFLOW_TRACKING_PASSWORD PIDO_WORKSPACE"
+    call = ["bash", "-ec", f"{line}; printenv {shown}"]
+    done = subprocess.run(call, env=environment, capture_output=True, text=True, check=True)
+    asked = [settings.mlflow_uri, settings.mlflow_user, settings.mlflow_password, str(settings.workspace)]
+    assert done.stdout.splitlines() == asked

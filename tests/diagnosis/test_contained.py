@@ -53,3 +53,18 @@ def test_a_component_is_as_large_as_it_is_whichever_object_stands_for_it():
     own = _component(library, library.noise, terms, terms[0])
     assert own.size > NOISE
     assert _component(library, library.noise, terms, again).size == own.size
+
+
+def test_two_accelerations_that_go_together_are_no_components_where_one_takes_the_other_back():
+    """y turns with x in all parts, and the loop is no first order: their difference would mend that."""
+    states = []
+    for recording in _recordings(lambda v: np.convolve(0.5 * v + 0.7 * np.sign(v), [0.1, 0.3, 0.4, 0.2])[: len(v)]):
+        columns = dict(recording.columns)
+        columns |= {"v_y": 0.4 * columns["v_x"], "pos_y": 0.4 * columns["pos_x"], "a_y": 0.4001 * columns["a_x"]}
+        rng = np.random.default_rng(1)
+        columns["a_y"] = columns["a_y"] * (1 + 1e-3 * rng.normal(size=len(columns["a_y"])))
+        states += axis_states([Recording(recording.part, columns)], "x")
+    rng = np.random.default_rng(5)
+    mismatch = lay_out(states, [rng.normal(0, NOISE, len(s.time)) for s in states])
+    found = contained(mismatch, CATALOGUE, white(mismatch), np.random.default_rng(0))
+    assert not {"inertia", "axis_coupling"} <= set(found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -130,6 +131,40 @@ def test_a_machine_that_fails_does_not_end_the_night_for_the_others(api, tmp_pat
     assert "1 machine(s) failed, and no other:\n  cmx600v: " in night.stderr
     ledger = Ledger(workspace.ledger)
     assert [len(ledger.iterations(machine)) for machine in ("cmx600v", "dmc60h")] == [1, 2]
+
+
+def test_what_a_killed_run_had_published_and_not_told_is_told_by_the_next_one(api, tmp_path):
+    workspace = place(tmp_path / "plant")
+    part = deliver(workspace, 1)
+    code = "import sys; from flows.new_part import new_part; new_part(*sys.argv[1:])"
+    call = [sys.executable, "-c", code, str(workspace.root), str(part)]
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # an MLflow that takes calls and never answers
+        silent.settimeout(180)
+        own = {**os.environ, "MLFLOW_TRACKING_URI": f"http://127.0.0.1:{silent.getsockname()[1]}"}
+        with (tmp_path / "log").open("wb") as log:
+            run = subprocess.Popen(call, env=own, stdout=log, stderr=log)
+            try:
+                with silent.accept()[0]:
+                    run.kill()
+            finally:
+                run.kill()
+                run.wait()
+    assert len(Ledger(workspace.ledger).iterations("cmx600v")) == 1, "it was published"
+    wanted = key("iteration", "cmx600v") + f"-{workspace.id}"
+    assert not _artifacts(api, wanted)
+    done = subprocess.run(call, capture_output=True, text=True, check=False, env=os.environ.copy())
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "no diagnosis: no worker serves" in done.stderr, "it was asked for"
+    assert "Nothing new" not in done.stderr
+    [page] = _artifacts(api, wanted)
+    assert "version 1" in page["data"]
+    assert not part.exists()
+    assert not list(workspace.work.iterdir())
+    deliver(workspace, 1)
+    again = subprocess.run(call, capture_output=True, text=True, check=False, env=os.environ.copy())
+    assert "Nothing new" in again.stderr
+    assert "no diagnosis" not in again.stderr
+    assert len(_artifacts(api, wanted)) == 1
 
 
 ASKED_FOR = """
@@ -280,9 +315,17 @@ def test_workspaces_that_nobody_serves_have_artifacts_of_their_own_about_machine
     assert sorted(shown) == sorted(expected * 2)
 
 
+def _artifacts(api: str, wanted: str) -> list[dict]:
+    return _asked(f"{api}/artifacts/filter", {"artifacts": {"key": {"any_": [wanted]}}})
+
+
 def _task_runs(api: str) -> list[dict]:
+    return _asked(f"{api}/task_runs/filter", {})
+
+
+def _asked(address: str, about: dict) -> list[dict]:
     request = urllib.request.Request(
-        f"{api}/task_runs/filter", data=b"{}", headers={"Content-Type": "application/json"}
+        address, data=json.dumps(about).encode(), headers={"Content-Type": "application/json"}
     )
     with urllib.request.urlopen(request, timeout=10) as reply:
         return json.load(reply)

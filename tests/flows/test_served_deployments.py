@@ -145,7 +145,7 @@ def test_what_mlflow_has_not_got_is_said_in_the_log_of_the_run_and_on_its_page(w
         ):
             run = run_deployment("new-part/arrivals", parameters={"path": str(part)}, timeout=180, poll_interval=1)
             ours = LogFilter(flow_run_id={"any_": [run.id]})
-            waited(lambda: any("MLflow cannot be reached" in line.message for line in client.read_logs(ours)), 30)
+            waited(lambda: any("MLflow has not taken it" in line.message for line in client.read_logs(ours)), 30)
             [page] = [a.data for a in client.read_artifacts() if a.key == f"iteration-{MACHINE}"]
             assert "Not in MLflow yet" in page
 

@@ -265,3 +265,15 @@ def test_a_folder_of_recordings_is_told_to_name_each(tmp_path):
     (tmp_path / "notes.txt").write_text("first week")
     with pytest.raises(RecordingError, match=r"holds recordings, 1 of them: give each"):
         read_recording(tmp_path)
+
+
+@pytest.mark.parametrize(("at", "said"), [(-1, ": the file may have been cut off there."), (3, ".")])
+def test_a_line_with_too_few_cells_is_named_by_its_number(tmp_path, at, said):
+    path, axes = tmp_path / "part.csv", ("x", "y", "z", "sp")
+    table = pd.DataFrame({"time": np.arange(N) / 50.0, **{f"pos_{a}": np.arange(N) * 1.0 for a in axes}})
+    lines = table.assign(**{f"curr_{a}": 1.0 for a in axes}).to_csv(index=False).splitlines()
+    number = len(lines) if at < 0 else at
+    lines[at if at < 0 else at - 1] = "3.98,1"
+    path.write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match=rf"line {number} has 2 of {1 + 2 * len(axes)} columns{re.escape(said)}"):
+        read_recording(path, machine="m")
