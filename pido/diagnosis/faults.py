@@ -18,6 +18,7 @@ from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, FORCE_SIM, POSITION, VELOCITY
 from pido.core.recording import Recording
 from pido.diagnosis.consistency import FROZEN, JUMP, contradictions, runs
+from pido.diagnosis.long_faults import long_faults
 
 # Beyond any machine tool: 5 m/s and 20 g along an axis; 150 000 1/min, reached within 10 ms, at the spindle.
 _V_MOST = {"lin": 5000.0, "sp": 9.0e5}
@@ -153,7 +154,13 @@ def _judge(recording: Recording, axis: str) -> Faults:
             reset = _short_reversal(time, v) & ~wrong
             out[names["v"]]["reversal that no spindle can make: a counter reset"] = reset
             wrong = wrong | reset
-    found = contradictions(time, pos, v, a, wrong, None if axis in LINEAR_AXES else 360.0)
+    apart = np.zeros(len(time), bool)
+    if pos is not None and v is not None and a is not None and axis in LINEAR_AXES:
+        for fault in long_faults(time, pos, v, a, wrong):
+            rows = slice(fault.first, fault.last + 1)
+            out[names["v"]].setdefault(fault.reason, np.zeros(len(time), bool))[rows] = True
+            apart[rows] = True
+    found = contradictions(time, pos, v, a, wrong | apart, None if axis in LINEAR_AXES else 360.0)
     for name in ("pos", "v", "a"):
         out[names[name]] |= getattr(found, name)
     if found.displaced.any():
@@ -163,9 +170,10 @@ def _judge(recording: Recording, axis: str) -> Faults:
         out[names["a"]]["acceleration that no machine reaches"] = ~reached & np.isfinite(a)
         for rows in out[names["v"]].values():
             wrong = wrong | rows
-        # A derivative beside a wrong speed is wrong as well, unless the speed stood still and the derivative did not.
+        # A derivative beside a wrong speed is wrong as well, unless the speed stood still and the derivative did not,
+        # or it was shown to be that of the position.
         if v is not None:
-            follows = _grown(wrong & ~out[names["v"]].get(FROZEN, np.zeros(len(time), bool)))
+            follows = _grown(wrong & ~out[names["v"]].get(FROZEN, np.zeros(len(time), bool))) & ~_grown(apart)
             own = np.logical_or.reduce([r for k, r in out[names["a"]].items()])
             out[names["a"]]["derived from a wrong speed"] = follows & reached & ~own
     return out
