@@ -65,11 +65,11 @@ def long_faults(time: Float1D, pos: Float1D, v: Float1D, a: Float1D, known: Bool
     # Ways to and fro add up, and what noise adds to them is little where they are taken over more than a step.
     ways = [_summed(np.abs(_summed(each, around)), width) / around for each in (moved, expected)]
     way = np.maximum(*ways)
-    gap = np.asarray(moved - expected, float)
+    gap = moved - expected
     lost = np.maximum(np.abs(_summed(gap, width)), np.abs(ways[0] - ways[1]))
     # A filter that is late gives back within the window what it kept, but for the speeds at its ends.
     late = _LATE_S * np.abs(_changed(v, width))
-    says = (way > _SOME_WAY * min(float(w.max()) for w in ways)) & (_summed(use * 1.0, width) > 0.9 * width)
+    says = (way > _SOME_WAY * min(float(w.max()) for w in ways)) & (_summed(use.astype(float), width) > 0.9 * width)
     if not says.any():
         return []
     usual = float(np.median(lost[says] / way[says]))
