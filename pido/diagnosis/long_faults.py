@@ -65,10 +65,11 @@ def long_faults(time: Float1D, pos: Float1D, v: Float1D, a: Float1D, known: Bool
     # Ways to and fro add up, and what noise adds to them is little where they are taken over more than a step.
     ways = [_summed(np.abs(_summed(each, around)), width) / around for each in (moved, expected)]
     way = np.maximum(*ways)
-    lost = np.maximum(np.abs(_summed(moved - expected, width)), np.abs(ways[0] - ways[1]))
+    gap = moved - expected
+    lost = np.maximum(np.abs(_summed(gap, width)), np.abs(ways[0] - ways[1]))
     # A filter that is late gives back within the window what it kept, but for the speeds at its ends.
     late = _LATE_S * np.abs(_changed(v, width))
-    says = (way > _SOME_WAY * min(float(w.max()) for w in ways)) & (_summed(use * 1.0, width) > 0.9 * width)
+    says = (way > _SOME_WAY * min(float(w.max()) for w in ways)) & (_summed(use.astype(float), width) > 0.9 * width)
     if not says.any():
         return []
     usual = float(np.median(lost[says] / way[says]))
@@ -78,7 +79,7 @@ def long_faults(time: Float1D, pos: Float1D, v: Float1D, a: Float1D, known: Bool
         return []
     belongs = says & (lost < 0.5 * most)
     lasts = binary_opening(_joined(apart, belongs), np.ones(round(_LASTS_S / dt)))
-    rate = np.abs(moved - expected) / np.maximum(step, dt)
+    rate = np.abs(gap) / np.maximum(step, dt)
     out = []
     edges = np.flatnonzero(np.diff(np.r_[False, lasts, False].astype(np.int8)))
     away = np.ones(len(rate), bool)
@@ -99,7 +100,7 @@ def long_faults(time: Float1D, pos: Float1D, v: Float1D, a: Float1D, known: Bool
         if (
             len(stood)
             and stood.mean() < _FROZEN
-            and _like_position(np.asarray(np.diff(pos, prepend=pos[:1])[rows] / dt, float), v[rows], a[rows], dt)
+            and _like_position(np.diff(pos, prepend=pos[:1])[rows] / dt, v[rows], a[rows], dt)
         ):
             out.append(
                 LongFault(
