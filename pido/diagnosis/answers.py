@@ -27,7 +27,7 @@ from pido.diagnosis.finding import (
     Kind,
     Where,
 )
-from pido.diagnosis.gates import gate_variable
+from pido.diagnosis.gates import gate_variable, inside
 from pido.diagnosis.identify import Answer, Rival
 from pido.diagnosis.locate import active, intervals, nc_lines, rhythm, score, strongest_stretch, voxels, workpiece_area
 from pido.diagnosis.mechanisms.advice import recording_that_names, recording_that_tells
@@ -191,7 +191,8 @@ def _tied_to_a_place(term: Term) -> bool:
 
 def words(term: Term, states: Sequence[AxisState], sizes: Mapping[str, float] | None = None) -> Told:
     """The operator's words of the mechanism, confined to the term's region. sizes : its amplitudes by name"""
-    told = term.mechanism.told(states, dict(term.shape), sizes or {})
+    rows = [inside(s, term.gates) > 0 for s in states]
+    told = term.mechanism.told_in(states, rows, dict(term.shape), sizes or {})
     regions = " and ".join(gate_words(g, states) for g in term.gates).replace(" and only where ", " and ")
     summary = f"{told.summary}, {regions}" if regions else told.summary
     conditions = (*told.conditions, *(g.condition for g in term.gates))
