@@ -260,10 +260,12 @@ def _no_row_has_it(own: Sequence[Mapping[str, Any]]) -> str:
     """Why the terms of a finding are no term of an equation over rows, '' where they are one."""
     id = own[0]["mechanism"]["id"] if own else ""
     if id not in INSTANT:
+        ends = "intervals" in own[0]["mechanism"] if own else False  # a force over times that will not come again
+        use = "Nor does it predict any other part." if ends else "Apply it as a correction: pido correct."
         needs = NEEDS.get(id, "more than one row says (a place, a time, what was before)")
         return (
             f"cannot extend the equation: it follows from {needs}, and a generated row has nothing but the 13 inputs "
-            "and the direction of motion. Apply it as a correction: pido correct."
+            f"and the direction of motion. {use}"
         )
     if len(own) > 1:
         return (

@@ -27,14 +27,24 @@ from pido.diagnosis.finding import (
     Kind,
     Where,
 )
-from pido.diagnosis.gates import gate_variable
+from pido.diagnosis.gates import gate_variable, inside
 from pido.diagnosis.identify import Answer, Rival
-from pido.diagnosis.locate import active, intervals, nc_lines, rhythm, score, strongest_stretch, voxels, workpiece_area
+from pido.diagnosis.locate import (
+    active,
+    intervals,
+    lasting,
+    nc_lines,
+    rhythm,
+    score,
+    strongest_stretch,
+    voxels,
+    workpiece_area,
+)
 from pido.diagnosis.mechanisms.advice import recording_that_names, recording_that_tells
 from pido.diagnosis.mechanisms.base import Told
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
-from pido.diagnosis.state import AxisState
+from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.switches import gate_words
 from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
@@ -70,6 +80,7 @@ def finding_of(
     known = units(term.mechanism, dict(term.shape), mismatch.axis)
     idle = term.mechanism.idle(dict(term.shape))
     told = words(term, mismatch.states, {n: e.value for n, e in parameters.items()})
+    acting = intervals_of(mismatch.states, effect, mismatch.edges, noise_level)
     where = where_of(mismatch.states, term, effect, mismatch.edges, noise_level, told)
     factor, parts = factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters), None
     if factor is not None:
@@ -94,15 +105,18 @@ def finding_of(
         factor=factor,
         by_part=parts,
         said=told.name,
-        to_record=told.to_record or to_record(term, where.intervals),
+        to_record=told.to_record or to_record(term, rhythm(acting), coolant_recorded(mismatch.states)),
     )
 
 
-def to_record(term: Term, found: Sequence[Interval]) -> str:
-    """What would tell what a term is that is tied to times alone; '' for any other."""
+def to_record(term: Term, every: float | None, coolant: bool = False) -> str:
+    """What would tell what a term is that is tied to times alone; '' for any other.
+
+    every : s, after which it comes again; None where it has no rhythm; coolant : whether it is recorded when it is on
+    """
     if isinstance(term.mechanism, Rhythm):
-        return recording_that_names(dict(term.shape)["T"])
-    return recording_that_names(rhythm(found)) if isinstance(term.mechanism, ExternalForce) else ""
+        return recording_that_names(dict(term.shape)["T"], coolant)
+    return recording_that_names(every, coolant) if isinstance(term.mechanism, ExternalForce) else ""
 
 
 def factor_of(
@@ -159,11 +173,7 @@ def where_of(
     told : `words` of the term, with its sizes where they are known
     """
     act = active(effect, noise_level)
-    scores = score(effect, noise_level)
-    by_part = [slice(int(i), int(j)) for i, j in itertools.pairwise(edges)]
-    found = []
-    for state, rows in zip(states, by_part, strict=True):
-        found += intervals(state.part, state.time, act[rows], scores[rows])
+    found = intervals_of(states, effect, edges, noise_level)
     summary, conditions = (words(term, states) if told is None else told)[:2]
     along = term.mechanism.id == "position_dependent_friction" and not any("pos_" in c for c in conditions)
     if along and (stretch := strongest_stretch(states, effect)) is not None:
@@ -171,7 +181,8 @@ def where_of(
     if isinstance(term.mechanism, ExternalForce):
         every = rhythm(found)
         summary += f"{'' if every is None else f'; it comes again every {every:.3g} s'}; it predicts no other part"
-    acts = [act[r] for r in by_part]
+        found = _of_each_force(term.mechanism, states, effect, edges, noise_level)
+    acts = [act[int(i) : int(j)] for i, j in itertools.pairwise(edges)]
     plane = [_plane(s) for s in states]
     return Where(
         summary=summary,
@@ -183,6 +194,29 @@ def where_of(
     )
 
 
+def intervals_of(states: Sequence[AxisState], effect: Float1D, edges: Int1D, noise_level: float) -> list[Interval]:
+    """Stretches of every part in which an effect (n,), A, is a noticeable part of its usual size."""
+    act, scores = active(effect, noise_level), score(effect, noise_level)
+    found = []
+    for state, (i, j) in zip(states, itertools.pairwise(map(int, edges)), strict=True):
+        found += intervals(state.part, state.time, act[i:j], scores[i:j])
+    return found
+
+
+def _of_each_force(
+    force: ExternalForce, states: Sequence[AxisState], effect: Float1D, edges: Int1D, noise_level: float
+) -> list[Interval]:
+    """The interval of each force, in the order of the forces: what is read beside an interval is its own size."""
+    scores, found = score(effect, noise_level), []
+    place = {s.part: (s.time, int(i)) for s, i in zip(states, edges[:-1], strict=True)}
+    for part, start, end in force.intervals:
+        time, first = place[part]
+        i, j = np.searchsorted(time, (start, end))
+        last = float(time[max(int(j) - 1, int(i))])
+        found.append(Interval(part, *lasting(time, start, last), float(np.mean(scores[first + i : first + j]))))
+    return found
+
+
 def _tied_to_a_place(term: Term) -> bool:
     """Whether where on the workpiece a term acts is part of what it says, not of where the parts went."""
     places = re.compile(r"(pos|from)_[xyz]")
@@ -191,7 +225,8 @@ def _tied_to_a_place(term: Term) -> bool:
 
 def words(term: Term, states: Sequence[AxisState], sizes: Mapping[str, float] | None = None) -> Told:
     """The operator's words of the mechanism, confined to the term's region. sizes : its amplitudes by name"""
-    told = term.mechanism.told(states, dict(term.shape), sizes or {})
+    rows = [inside(s, term.gates) > 0 for s in states]
+    told = term.mechanism.told_in(states, rows, dict(term.shape), sizes or {})
     regions = " and ".join(gate_words(g, states) for g in term.gates).replace(" and only where ", " and ")
     summary = f"{told.summary}, {regions}" if regions else told.summary
     conditions = (*told.conditions, *(g.condition for g in term.gates))

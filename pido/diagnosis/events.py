@@ -39,7 +39,7 @@ class ExternalForce(Mechanism):
     intervals: tuple[tuple[str, float, float], ...]  # (part, from s, to s)
 
     id: ClassVar[str] = "external_force"
-    equation: ClassVar[str] = "dI = F(t), piecewise constant over separate intervals"
+    equation: ClassVar[str] = "dI = F(t), piecewise constant: F_n over the n-th interval, added where two overlap"
     kind: ClassVar[Any] = "missing_physics"
     passes_loop: ClassVar[bool] = False
     summary: ClassVar[str] = "{axis} axis, over single intervals of time"

@@ -20,7 +20,7 @@ from pido.diagnosis.events import ExternalForce
 from pido.diagnosis.mechanisms.advice import recording_that_names
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, Told, column, nothing
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.state import AxisState
+from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.whiten import Noise
 
@@ -89,7 +89,7 @@ class Pulses(Mechanism):
     def told(self, states: Sequence[AxisState], shape: Mapping[str, float], sizes: Mapping[str, float]) -> Told:
         where, conditions = self.conditions(states[0].axis, dict(shape))
         name = f"a force that comes on every {shape['T']:.4g} s for {shape['w']:.3g} s"
-        return Told(where, conditions, name, recording_that_names(shape["T"]))
+        return Told(where, conditions, name, recording_that_names(shape["T"], coolant_recorded(states)))
 
 
 def repeating(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:

@@ -455,6 +455,11 @@ def _wear(
     return (None if mrr is None else volume), seconds
 
 
+def coolant_recorded(states: Sequence[AxisState]) -> bool:
+    """Whether every part says when coolant is on."""
+    return all(s.coolant is not None for s in states)
+
+
 def _operation(recording: Recording, what: str) -> Float1D | None:
     """An entry of the operations of part.json for every sample, by its NC block; NaN where no entry says."""
     operations = sorted(recording.part.operations, key=lambda o: o.nc_line)

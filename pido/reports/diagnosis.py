@@ -170,7 +170,7 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int
     """blocks : how many NC blocks the parts have"""
     lines = [f"{_called(f)}: {f.equation}", f"Where: {f.where.summary}"]
     if f.of_its_parts_only:
-        lines.append(f"When, in s since each part began: {_times(f.where.intervals)}.")
+        lines.append(f"When and how large, in s since each part began: {_times(f.where.intervals, f.parameters)}.")
         lines.append(
             "This finding predicts no other part: it is tied to these times and to nothing that was recorded. 'pido "
             "correct' leaves it out on other parts, and says so."
@@ -254,13 +254,15 @@ def _part_by_part(found: ByPart, mechanism: str) -> str:
     )
 
 
-def _times(intervals: Sequence[Interval]) -> str:
-    """Stretches part by part, the first of them where they are many."""
-    shown = intervals[:MOST_TIMES]
-    parts = dict.fromkeys(i.part for i in shown)
-    text = "; ".join(
-        f"{shortened(p)} " + ", ".join(f"{i.t_start:.1f} to {i.t_end:.1f}" for i in shown if i.part == p) for p in parts
+def _times(intervals: Sequence[Interval], forces: Mapping[str, Estimate]) -> str:
+    """Stretches part by part, the first of them where they are many, each with its force."""
+    shown, told = intervals[:MOST_TIMES], list(forces.items())
+    sizes = (
+        [f" ({n} = {number(e.value)} {e.unit})" for n, e in told] if len(told) == len(intervals) else [""] * len(shown)
     )
+    each = [(i.part, f"{i.t_start:.1f} to {i.t_end:.1f}{size}") for i, size in zip(shown, sizes, strict=False)]
+    parts = dict.fromkeys(part for part, _ in each)
+    text = "; ".join(f"{shortened(p)} " + ", ".join(said for part, said in each if part == p) for p in parts)
     left = len(intervals) - len(shown)
     return f"{text}; {left} more in diagnosis.json" if left else text
 

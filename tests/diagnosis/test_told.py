@@ -122,3 +122,40 @@ def test_what_warms_is_called_what_it_is_and_says_which_way_it_goes(along, rises
 
 def test_a_scale_is_told_as_a_factor():
     assert words(Term(BY_ID["sensor_gain"]), states(), {"g - 1": 0.0699}).summary.endswith("× 1.070")
+
+
+@pytest.mark.parametrize(
+    ("full", "said", "conditions"),
+    [
+        (0, "within 0.0268 mm after a reversal of the x axis", ("travel since reversal < 0.0268",)),
+        (1, "whichever way the x axis moves and while it holds, its sign turning within 0.0268 mm", ()),
+        (2, "after a reversal of the x axis and at standstill", ("travel since reversal < 0.0268 or v_x = 0",)),
+    ],
+)
+def test_presliding_friction_is_told_to_act_where_its_form_does(full, said, conditions):
+    term = Term(BY_ID["presliding_hysteresis"], (("x_0", 0.0268 / 3), ("full", float(full))))
+    told = words(term, states(), {"F_p": 0.3})
+    assert said in told.summary
+    assert told.conditions == conditions
+    column = term.columns(states())[0]
+    away = np.concatenate([s.moving & (s.since_reversal > 1.0) for s in states()])  # mm, forty times the way
+    assert bool(np.any(np.abs(column[away]) > 0.5)) == (full == 1)
+    assert ("after each reversal" in told.name) == (full == 1)
+
+
+@pytest.mark.parametrize(
+    ("form", "knee", "gates", "high"),
+    [
+        (1, 1.0, (), True),
+        (0, 0.9, (), True),
+        (1, 1.0, (Gate("v_x", low=-2.0, high=2.0),), False),  # 0.1 A/(mm/s) * 2 mm/s, of 1 A
+        (0, 0.1, (Gate("v_x", low=-2.0, high=2.0),), False),
+        (1, 1.0, (Gate("v_x", low=8.0),), True),
+    ],
+)
+def test_a_saturation_is_told_of_high_torque_only_where_the_current_is_high(form, knee, gates, high):
+    term = Term(BY_ID["current_saturation"], (("I_k", knee), ("form", float(form))), gates)
+    summary = words(term, states(), {"s": -0.1}).summary
+    assert ("high torque" in summary) == high
+    assert ("at currents of at most 0.19" in summary) == (not high)  # 95 % of the rows there
+    assert ("low beside the axis' 1 A" in summary) == (not high)

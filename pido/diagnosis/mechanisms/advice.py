@@ -12,6 +12,9 @@ _AIR = "the same program as an air cut, 50 mm above the workpiece"
 _RAMPS = "moves of 50 mm at one feed with the acceleration limited to 100, 50 and 25 %, five of each"
 _DAY = "the same air cut of 60 s at start-up, after an hour of running and after an hour's pause"
 
+_UNITS = ("lubrication pump", "hydraulic unit", "chip conveyor")
+"""That switch by themselves, and are in no recording."""
+
 _PAIRS: dict[tuple[str, str], str] = {
     ("coulomb_friction", "viscous_friction"): _THREE_FEEDS,
     ("coulomb_friction", "stribeck_friction"): _SLOW,
@@ -137,24 +140,26 @@ def recording_that_tells(own: str, other: str) -> str:
     )
 
 
-def recording_that_names(every: float | None) -> str:
+def recording_that_names(every: float | None, coolant: bool = False) -> str:
     """The recording that tells what an outside force is.
 
     every : s, after which it comes again; None where it has no rhythm
+    coolant : whether it is recorded already when coolant is on
 
     >>> recording_that_names(40.0)  # doctest: +ELLIPSIS
     'at least 200 s of any program, and beside it a signal of each unit that may switch every 40 s (lubrication ...'
     """
+    units = ", ".join(_UNITS if coolant else (*_UNITS, "coolant pump"))
     if every is None:
         return (
-            "the same program twice, and beside it a signal of each unit that switches by itself (lubrication pump, "
-            "hydraulic unit, chip conveyor, coolant pump) or the times at which somebody touched the machine: what "
-            "comes again at the same place of the program belongs to the program, the rest to what switches with it"
+            f"the same program twice, and beside it a signal of each unit that switches by itself ({units}) or the "
+            "times at which somebody touched the machine: what comes again at the same place of the program belongs to "
+            "the program, the rest to what switches with it"
         )
     return (
         f"at least {5 * every:.3g} s of any program, and beside it a signal of each unit that may switch every "
-        f"{every:.3g} s (lubrication pump, hydraulic unit, chip conveyor, coolant pump): the one that switches with "
-        "the force is its cause, and its signal is what foretells the force on other parts"
+        f"{every:.3g} s ({units}): the one that switches with the force is its cause, and its signal is what foretells "
+        "the force on other parts"
     )
 
 

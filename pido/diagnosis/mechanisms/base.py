@@ -16,7 +16,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Bool1D, Float1D, Float2D
 from pido.core.axes import AXES
 from pido.diagnosis.mechanisms.advice import recordings_against
 from pido.diagnosis.state import AxisState
@@ -176,6 +176,16 @@ class Mechanism(ABC):
     def told(self, states: Sequence[AxisState], shape: Mapping[str, float], sizes: Mapping[str, float]) -> Told:
         """As `conditions`, with what the data and its sizes (amplitudes by name) say more."""
         return Told(*self.conditions(states[0].axis, shape))
+
+    def told_in(
+        self,
+        states: Sequence[AxisState],
+        rows: Sequence[Bool1D],
+        shape: Mapping[str, float],
+        sizes: Mapping[str, float],
+    ) -> Told:
+        """As `told`, of a law that is confined to some `rows` (per part, (n,)): what they are like may say more."""
+        return self.told(states, shape, sizes)
 
 
 def column(values: Float1D) -> Float2D:

@@ -475,5 +475,15 @@ class PreslidingHysteresis(Mechanism):
         return turns(states)
 
     def conditions(self, axis, shape):
-        way = 3 * shape["x_0"]
-        return f"within {way:.3g} mm after a reversal of the {axis} axis", (f"travel since reversal < {way:.3g}",)
+        """All of it acts all the time; what sgn(v) lacks of it also at standstill."""
+        way, full = f"{3 * shape['x_0']:.3g}", round(shape.get("full", 0.0))
+        if full == 1:
+            turning = f"its sign turning within {way} mm after a reversal"
+            return f"whichever way the {axis} axis moves and while it holds, {turning}", ()
+        held, stands = (" and at standstill", f" or v_{axis} = 0") if full else ("", "")
+        near = f"travel since reversal < {way}"
+        return f"within {way} mm after a reversal of the {axis} axis{held}", (near + stands,)
+
+    def told(self, states, shape, sizes):
+        name = "friction that turns over a short distance after each reversal" * (round(shape.get("full", 0.0)) == 1)
+        return super().told(states, shape, sizes)._replace(name=name)

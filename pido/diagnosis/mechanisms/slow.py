@@ -9,12 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Bool1D, Float1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, Told, choice, column, nothing, which
 from pido.diagnosis.mechanisms.friction import at_rest, direction
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
 from pido.physics.thermal import coldness, coldness_after
+
+_USUAL, _HIGH = 0.95, 0.99  # quantiles of the current's size: where a law acts, and of all
+_HIGH_SHARE = 0.5  # of the latter, from which the former is high
 
 
 class ThermalDrift(Mechanism):
@@ -183,8 +186,25 @@ class CurrentSaturation(Mechanism):
             )
         return f"{axis} axis, at high torque, more the higher it is", ()
 
+    def told_in(self, states, rows, shape, sizes):
+        """Where it is confined to currents that are small beside the axis' own, these in place of a high torque."""
+        plain = super().told_in(states, rows, shape, sizes)
+        knee = shape["I_k"] if round(shape["form"]) in (0, 4) else 0.0
+        every = _sizes(states)
+        there = _sizes(states, rows)
+        there = there[there > knee]
+        if not 0 < len(there) < len(every):
+            return plain
+        usual, high = float(np.quantile(there, _USUAL)), float(np.quantile(every, _HIGH))
+        if usual >= _HIGH_SHARE * high:
+            return plain
+        how = f"beyond {knee:.3g} A" if knee else "more the higher the current is"
+        size = f"at currents of at most {usual:.3g} A there, which are low beside the axis' {high:.3g} A"
+        return plain._replace(summary=f"{states[0].axis} axis, {how}, {size}")
 
-def _sizes(states: Sequence[AxisState]) -> Float1D:
-    """A, size of the simulated current of every sample."""
-    found = [np.abs(s.sim[np.isfinite(s.sim)]) for s in states if s.sim is not None]
+
+def _sizes(states: Sequence[AxisState], rows: Sequence[Bool1D] | None = None) -> Float1D:
+    """A, size of the simulated current of every sample, or of those in `rows` (per part, (n,))."""
+    each = [np.ones(len(s.time), bool) for s in states] if rows is None else rows
+    found = [np.abs(s.sim[np.isfinite(s.sim) & r]) for s, r in zip(states, each, strict=True) if s.sim is not None]
     return np.concatenate([f for f in found if len(f)] or [np.zeros(1)])
