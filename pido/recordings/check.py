@@ -110,11 +110,9 @@ def _columns(recording: Recording) -> list[Fault]:
                 faults.append(whole("missing_column", column, what, advice, ERROR))
     for name in recording.columns:
         if name not in UNITS:
-            near = difflib.get_close_matches(name, UNITS, 1)
-            hint = f"Did you mean '{near[0]}'? " if near else ""
-            faults.append(
-                whole("unknown_column", name, "the contract has no such column.", f"{hint}Rename or drop it.", ERROR)
-            )
+            near = _meant(name)
+            advice = (f"Did you mean '{near}'? " if near and near not in recording else "") + "Rename or drop it."
+            faults.append(whole("unknown_column", name, "the contract has no such column.", advice, ERROR))
     for note in recording.notes:  # columns that are not numbers do not reach the recording
         if note.startswith(UNKNOWN):
             for name in note.removeprefix(UNKNOWN).split(", "):
@@ -123,6 +121,17 @@ def _columns(recording: Recording) -> list[Fault]:
                         whole("unknown_column", name, "the contract has no such column.", "Rename or drop it.", ERROR)
                     )
     return faults
+
+
+def _meant(name: str) -> str:
+    """The column whose name is nearest, '' where none is: f_x is the process force, and no speed.
+
+    >>> _meant("F_X"), _meant("curr_xx"), _meant("temperature")
+    ('f_x_sim', 'curr_x', '')
+    """
+    plain = name.lower()
+    same = next((n for n in (plain, f"{plain}_sim") if n in UNITS), None)
+    return same or next(iter(difflib.get_close_matches(plain, UNITS, 1)), "")
 
 
 def _length(recording: Recording) -> list[Fault]:
@@ -445,6 +454,8 @@ def _order(recording: Recording, machine: Machine | None) -> list[Fault]:
 
 def _repeated(recording: Recording, machine: Machine | None) -> list[Fault]:
     names = [n for n in (*MOTION, *CURRENT.values()) if n in recording]
+    if not names:
+        return []
     moving = np.any([_moving(recording, axis, machine) for axis in AXES], axis=0)
     same = np.r_[False, np.all([recording[n][1:] == recording[n][:-1] for n in names], axis=0)] & moving
     if not same.any():

@@ -350,3 +350,11 @@ def test_a_fault_of_one_current_costs_that_current_and_one_of_an_input_the_whole
     np.testing.assert_array_equal(np.isnan(left["curr_y"]), gone)
     np.testing.assert_array_equal(left["pos_x"], good["pos_x"])
     assert blanked(good, ()) is good
+
+
+@pytest.mark.parametrize(("there", "hint"), [((), "Did you mean 'f_x_sim'? "), (("f_x_sim",), "")])
+def test_a_force_is_no_misspelt_speed(there, hint):
+    """A hint that is followed must not make a speed of a force, nor name a column that is there."""
+    columns = {"time": np.arange(200) * 0.01, "f_x": np.ones(200)} | {name: np.ones(200) for name in there}
+    told = [f for f in check(Recording(PartInfo(part="p", machine="m"), columns)) if f.column == "f_x"]
+    assert [f.advice for f in told] == [f"{hint}Rename or drop it."]
