@@ -310,6 +310,25 @@ def test_a_force_tied_to_times_is_shown_with_them_and_said_to_predict_nothing(tm
     assert len(json.loads((tmp_path / "diagnosis.json").read_text())["findings"][0]["where"]["intervals"]) == 40
 
 
+def test_the_page_tells_the_size_of_each_force_beside_its_times_and_no_use_of_it_elsewhere():
+    diagnosis, recording = _diagnosis()
+    own = {"id": "external_force", "intervals": [["p01", 5.0, 13.0], ["p01", 45.0, 53.0]]}
+    term = {"name": "external_force", "mechanism": own, "shape": {}, "gates": [], "amplitudes": [0.15, -0.04], "lag": 0}
+    force = replace(
+        diagnosis.findings[0],
+        mechanism="external_force",
+        parameters={"F_1": Estimate(0.15, "A", (0.1, 0.2)), "F_2": Estimate(-0.04, "A", (-0.05, -0.03))},
+        where=Where("x axis", intervals=(Interval("p01", 5, 13, 0.9), Interval("p01", 45, 53, 0.9))),
+    )
+    found = replace(diagnosis, findings=(force,), model={"axes": {"x": {"terms": [term]}}})
+    page = diagnosis_page(found, [recording])
+    (section,) = [s for s in page.sections if s.title == "Axis x: external_force"]
+    assert "p01 5.0 to 13.0 (F_1 = 0.15 A), 45.0 to 53.0 (F_2 = -0.04 A)" in " ".join(section.text)
+    (use,) = [s.text for s in page.sections if s.title.startswith("What can become part")]
+    assert "Apply it" not in use[0]
+    assert "Nor does it predict any other part." in use[0]
+
+
 @pytest.mark.parametrize(
     ("mechanism", "summary", "once"),
     [
