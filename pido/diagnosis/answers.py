@@ -80,7 +80,9 @@ def finding_of(
     known = units(term.mechanism, dict(term.shape), mismatch.axis)
     idle = term.mechanism.idle(dict(term.shape))
     told = words(term, mismatch.states, {n: e.value for n, e in parameters.items()})
-    acting = intervals_of(mismatch.states, effect, mismatch.edges, noise_level)
+    every = None
+    if isinstance(term.mechanism, ExternalForce):
+        every = rhythm(intervals_of(mismatch.states, effect, mismatch.edges, noise_level))
     where = where_of(mismatch.states, term, effect, mismatch.edges, noise_level, told)
     factor, parts = factor_of(mismatch, term, answer.simulated.get(term.name), effect, parameters), None
     if factor is not None:
@@ -105,7 +107,7 @@ def finding_of(
         factor=factor,
         by_part=parts,
         said=told.name,
-        to_record=told.to_record or to_record(term, rhythm(acting), coolant_recorded(mismatch.states)),
+        to_record=told.to_record or to_record(term, every, coolant_recorded(mismatch.states)),
     )
 
 

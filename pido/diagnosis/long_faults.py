@@ -82,13 +82,14 @@ def long_faults(time: Float1D, pos: Float1D, v: Float1D, a: Float1D, known: Bool
     rate = np.abs(gap) / np.maximum(step, dt)
     out = []
     edges = np.flatnonzero(np.diff(np.r_[False, lasts, False].astype(np.int8)))
+    stretches = list(zip(edges[::2], edges[1::2], strict=True))
     away = np.ones(len(rate), bool)
-    for i, j in zip(edges[::2], edges[1::2], strict=True):
+    for i, j in stretches:
         away[max(i - width, 0) : j + width] = False
     if not (away & use).any():
         return []
     least = float(np.quantile(rate[away & use], 0.999))
-    for i, j in zip(edges[::2], edges[1::2], strict=True):
+    for i, j in stretches:
         clear = max(i - width, 0) + np.flatnonzero(rate[max(i - width, 0) : j + width] > least)
         # A step before or after, as noise has one in a thousand, has no company.
         clear = [int(k) for k in clear if np.sum(np.abs(clear - k) <= width // 4) > width // 10]
