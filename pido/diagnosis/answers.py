@@ -46,7 +46,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import meanings
 from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.switches import gate_words
-from pido.diagnosis.terms import Term
+from pido.diagnosis.terms import Component, Term
 from pido.diagnosis.units import units
 from pido.diagnosis.whiten import Noise
 
@@ -124,26 +124,29 @@ def to_record(term: Term, every: float | None, coolant: bool = False) -> str:
 def factor_of(
     mismatch: Mismatch,
     term: Term,
-    simulated: tuple[Term, Float1D] | None,
+    simulated: Component | None,
     effect: Float1D,
     parameters: dict[str, Estimate],
 ) -> Estimate | None:
     """What the simulation's own coefficient of a term has to be multiplied by, with its 95 % interval.
 
-    simulated : the term and its amplitudes in the simulated current. effect : (n,), A – what is missing of it. None
-    where it has several coefficients, acts in a box, or what is missing has not the form of what is there.
+    simulated : the term in the simulated current. effect : (n,), A – what is missing of it. None where it has several
+    coefficients, acts in a box, or what is missing has not the form of what is there.
+    The interval is that of a ratio: of what is missing, and of the simulation's own coefficient, which is read from its
+    current (Gauss's propagation of errors).
     """
     if simulated is None or term.gates or len(term.mechanism.amplitudes) != 1:
         return None
-    own, amplitudes = simulated[0].behind(term.lag), simulated[1]
+    own, amplitudes = simulated.term.behind(term.lag), simulated.amplitudes
     there, missing = ((amplitudes @ own.columns(mismatch.states))[mismatch.usable], effect[mismatch.usable])
     power = float(there @ there)
     share = float(missing @ there) / power if power > 0 else 0.0
     if share**2 * power < _ALIKE * float(missing @ missing):
         return None
     size = parameters[term.mechanism.amplitudes[0].name]
-    low, high = sorted(1 + share * end / size.value for end in size.ci95)
-    return Estimate(1 + share, "–", (low, high))
+    low, high = sorted(share * (end / size.value - 1) for end in size.ci95)
+    of_its_own = 1.96 * share * float(simulated.unsure[0] / amplitudes[0])
+    return Estimate(1 + share, "–", (1 + share - np.hypot(low, of_its_own), 1 + share + np.hypot(high, of_its_own)))
 
 
 def equation_text(term: Term, axis: str) -> str:

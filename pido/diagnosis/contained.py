@@ -9,14 +9,14 @@ disappears in it could not be found miscalibrated either.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import minimize_scalar
 
-from pido.core.arrays import Float1D
+from pido.diagnosis.confirm import bootstrap, whitened
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.identify import coarse_columns, left_over
 from pido.diagnosis.library import Library, basis
@@ -24,7 +24,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.misfit import cancelled, lasting
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import best_addition, drop_useless, grid_terms, swap
-from pido.diagnosis.terms import Term, behind, fit
+from pido.diagnosis.terms import Component, Term, behind, fit
 from pido.diagnosis.whiten import Noise
 
 _ROWS = 6_000  # that are looked at: the simulated current is the same to the last digit however many there are
@@ -40,6 +40,7 @@ _LEAST_GAIN = 30.0  # BIC
 # its drag is left beside friction and windage; without noise, as a simulated current is, that little tells.
 _COLLINEAR = 3e-5
 _MOST = 7
+_DRAWS = 200  # of blocks
 _SHORTEST_LAG = 0.25  # steps
 _LONGEST_LAG_S = 0.1
 _LAGS = 8
@@ -71,15 +72,6 @@ NOT_A_COMPONENT = frozenset(
         "material_hard_zone",
     }
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Component:
-    """A mechanism that a simulation contains, with its shape and its amplitudes there; size : its rms there, A."""
-
-    term: Term
-    amplitudes: Float1D
-    size: float
 
 
 def contained(
@@ -121,6 +113,7 @@ def contained(
         part = _component(library, faint, usual if term in usual else every, term)
         if part.size > least and lasting(mismatch, term) > _LASTING:
             out[term.mechanism.id] = part
+    out = _how_sure(thin, faint, out, rng)
     level_of_all = float(fit(problem, faint, every).base[0])
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.
@@ -129,7 +122,7 @@ def contained(
     if weight is not None and abs(level_of_all) > max(
         _LEAST_WEIGHT * float(np.median(noise.level)), 0.0 if own is None else own.size
     ):
-        out[weight.mechanism.id] = Component(weight, np.array([level_of_all]), abs(level_of_all))
+        out[weight.mechanism.id] = Component(weight, np.array([level_of_all]), abs(level_of_all), np.zeros(1))
     return out
 
 
@@ -173,9 +166,22 @@ def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term
     without = basis(library, noise, [t for t in terms if t != term]).rss
     amplitudes = joint.amplitudes[list(terms).index(term)]
     if without <= (1 + _LEAST_OWN) * joint.rss:
-        return Component(term, amplitudes, 0.0)
+        return Component(term, amplitudes, 0.0, np.zeros(len(amplitudes)))
     effect = amplitudes @ library.columns(term)
-    return Component(term, amplitudes, float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2))))
+    size = float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2)))
+    return Component(term, amplitudes, size, np.zeros(len(amplitudes)))
+
+
+def _how_sure(
+    thin: Mismatch, noise: Noise, found: dict[str, Component], rng: np.random.Generator
+) -> dict[str, Component]:
+    """`found` with the standard errors of their amplitudes: how far these differ between blocks of the simulated
+    current as it is, which has no noise, but laws that no component says."""
+    if not found:
+        return found
+    model = whitened(thin, noise, [c.term for c in found.values()])
+    errors = bootstrap(model, thin.block, rng, _DRAWS).std(axis=0)
+    return {i: replace(c, unsure=errors[own]) for (i, c), own in zip(found.items(), model.spans, strict=True)}
 
 
 def _not_cancelled(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:

@@ -22,6 +22,7 @@ from pido.diagnosis.finding import PartSeries
 from pido.diagnosis.locate import score
 from pido.diagnosis.models import AxisModel, axis_models, readable
 from pido.diagnosis.pair import pair_of
+from pido.diagnosis.sim_rest import with_simulated_rest
 from pido.diagnosis.state import AxisState, Worn, axis_states
 
 _REMEMBER = frozenset({"thermal_drift", "tool_wear"})
@@ -52,6 +53,7 @@ def correct(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Re
     corrected: dict[str, Float1D] = {}
     for axis, own in models.items():
         states = axis_states([*map(without_currents, earlier), without], axis, bands=bands, worn=worn)
+        states = with_simulated_rest(states)
         state = _with_history(states[-1], history)
         mismatch[axis], scores[axis], corrected[axis] = apply(own, without, state)
         if not np.isfinite(corrected[axis]).any():

@@ -44,6 +44,7 @@ from pido.diagnosis.pair import in_its_unit, in_its_words, paired
 from pido.diagnosis.rounding import Rounding, rounding_of
 from pido.diagnosis.search import Look, first_look
 from pido.diagnosis.shared_out import one_for_many
+from pido.diagnosis.sim_rest import with_simulated_rest
 from pido.diagnosis.state import AxisState, axis_states, running, worn_before
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.timing import Delay
@@ -214,7 +215,7 @@ def _lay_out(
     limits: Limits,
     searching: bool,
 ) -> Mismatch:
-    states = axis_states(parts, axis, machine)
+    states = with_simulated_rest(axis_states(parts, axis, machine))
     simulated = CURRENT_SIM[axis] in parts[0]
     targets = [r[CURRENT[axis]] - (r[CURRENT_SIM[axis]] if simulated else 0.0) for r in parts]
     if (rounding := _rounding(parts, axis)) is not None:

@@ -39,7 +39,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.regions import CLEARLY, best_region
 from pido.diagnosis.select import MOST_TERMS, best_addition, drop_useless, grid_terms, suggested, swap
 from pido.diagnosis.signals import CLOCKS
-from pido.diagnosis.terms import Term, fit, without
+from pido.diagnosis.terms import Component, Term, fit, without
 from pido.diagnosis.whiten import Noise, averaged, estimate_noise
 
 SIGNIFICANT_NAME = 0.05  # q value of a likelier name for an effect whose existence is proved under another
@@ -65,7 +65,7 @@ class Rival:
 class Answer:
     """What was decided about one axis; the lists run parallel to `terms`.
 
-    simulated : by the name of a term that the simulation contains, that term as it is there, and its amplitudes
+    simulated : by the name of a term that the simulation contains, that term as it is there
     """
 
     axis: str
@@ -74,7 +74,7 @@ class Answer:
     q_values: list[float] = field(default_factory=list)
     delta_bic: list[float] = field(default_factory=list)
     rivals: list[list[Rival]] = field(default_factory=list)
-    simulated: dict[str, tuple[Term, Float1D]] = field(default_factory=dict)
+    simulated: dict[str, Component] = field(default_factory=dict)
     rejected: list[Rejected] = field(default_factory=list)
     noise: Noise | None = None
     notes: list[str] = field(default_factory=list)

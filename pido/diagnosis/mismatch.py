@@ -27,7 +27,7 @@ _SHORTEST_BLOCK_S = 1.0  # whitened rows forget within a few samples; what white
 _SLOWEST_SEARCH_HZ = 20.0  # a search never averages below this rate: reversals last a tenth of a second
 # Fields whose means over the rows that a search averages stand for them.
 _OF_MOTION = ("v", "a", "held", "along")
-_OF_LOAD = ("force", "forces", "force_perp", "m_sp", "mrr", "ar", "sim", "sims", "curr")
+_OF_LOAD = ("force", "forces", "force_perp", "m_sp", "mrr", "ar", "sim", "sims", "sim_held", "curr")
 
 Rows = TypeVar("Rows")
 

@@ -20,7 +20,7 @@ from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.flexible import Coarse, price
 from pido.diagnosis.formulas import Unnamed
 from pido.diagnosis.mechanisms.base import Parameter
-from pido.diagnosis.mechanisms.friction import direction
+from pido.diagnosis.mechanisms.sliding import direction
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term

@@ -15,7 +15,7 @@ import numpy as np
 
 from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, forces_among, less_error, no_more_error
-from pido.diagnosis.contained import Component, contained
+from pido.diagnosis.contained import contained
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.forms import (
     AS_GOOD,
@@ -47,7 +47,7 @@ from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.pulses import repeating
 from pido.diagnosis.select import shortlist_of
-from pido.diagnosis.terms import Term, fit, solve, without
+from pido.diagnosis.terms import Component, Term, fit, solve, without
 from pido.diagnosis.unnamed import best_nameless, with_unknown
 from pido.diagnosis.whiten import Averaged, Noise
 
@@ -177,7 +177,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
     library.whiten(noise)
     answer.terms = terms
     answer.noise = noise
-    answer.simulated = {f"miscalibrated:{i}": (c.term, c.amplitudes) for i, c in look.inside.items()}
+    answer.simulated = {f"miscalibrated:{i}": c for i, c in look.inside.items()}
     whole = basis(library, noise, terms).bic
     answer.delta_bic = [basis(library, noise, without(terms, i)).bic - whole for i in range(len(terms))]
     answer.rivals = [rivals_of(library, noise, terms, i) for i in range(len(terms))]

@@ -80,17 +80,23 @@ def refine(library: Library, current: Basis, score: Score, rounds: int = 1) -> S
     for _ in range(rounds):
         for parameter in score.term.mechanism.shape:
             best = _refine_one(library, current, best, parameter)
-            if parameter.name == "rest":
-                best = _at_rest(library, current, best)
+            if parameter.first:
+                best = _other_forms(library, current, best, parameter)
     return best
 
 
-def _at_rest(library: Library, current: Basis, score: Score) -> Score:
-    """The same law with what it does at rest that fits best, where the library asks for that at all."""
-    if not any(dict(t.shape).get("rest") for t in library.terms if t.name == score.term.name):
+def _other_forms(library: Library, current: Basis, score: Score, parameter: Parameter) -> Score:
+    """The same law with the form of a choice that fits best; of what it does at rest where the library asks for that at
+    all."""
+    mechanism, shape, name = score.term.mechanism, dict(score.term.shape), parameter.name
+    if name != "rest":
+        shapes = [{**shape, name: value} for value in parameter.values]
+    elif any(dict(t.shape).get(name) for t in library.terms if t.name == score.term.name):
+        shapes = list(mechanism.forms_at_rest(shape))
+    else:
         return score
     best = score
-    for shape in score.term.mechanism.forms_at_rest(dict(score.term.shape)):
+    for shape in shapes:
         found = library.score(score.term.with_shape(**shape), current)
         if found is not None and found.bic < best.bic:
             best = found

@@ -70,6 +70,8 @@ class AxisState:
     wx, wy, wz : mm from the centre (top) of the workpiece; workpiece_size : its (x, y) size, mm
     lead : ball screw lead, mm; vertical : True where gravity acts along the axis
     sim, curr : A, simulated and recorded current; sims : A, simulated current of the other axes
+    sim_held : -1..1, `along` in motion, and at rest how much of its friction the simulation holds there; None where
+        that is nothing, or no other than `held` (see `sim_rest`)
     usable : rows that may be fitted
     ranges : (n, 2) – least and most, within rows that were averaged, of each variable that limits a region
     """
@@ -120,6 +122,7 @@ class AxisState:
     sim: Float1D | None = None
     curr: Float1D | None = None
     sims: Mapping[str, Float1D] = field(default_factory=dict)
+    sim_held: Float1D | None = None
     usable: Bool1D = field(default_factory=lambda: np.zeros(0, bool))
     ranges: Mapping[str, Float2D] = field(default_factory=dict)
 

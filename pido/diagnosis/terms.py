@@ -72,6 +72,19 @@ class Term:
         return answered_late(values, state.time, self.lag) if self.lag else values
 
 
+@dataclass(frozen=True, eq=False)
+class Component:
+    """A mechanism that a simulation contains, with its shape and its amplitudes there.
+
+    size : its rms there, A; unsure : standard errors of the amplitudes, by what of the simulation no component explains
+    """
+
+    term: Term
+    amplitudes: Float1D
+    size: float
+    unsure: Float1D
+
+
 @dataclass(frozen=True)
 class Fit:
     """Joint generalised least squares of base and terms.

@@ -11,7 +11,8 @@ import numpy as np
 
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
-from pido.diagnosis.mechanisms.friction import PEAKS, turns
+from pido.diagnosis.mechanisms.friction import PEAKS
+from pido.diagnosis.mechanisms.sliding import turns
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import lost_motion, periods_of, wave
 
@@ -90,26 +91,29 @@ class Backlash(Mechanism):
     """A transient after each reversal; `per`: 0 over way (mm), 1 over time (s); `edge`: 1 fading, 8 a rectangle.
 
     Over way it fades exponentially or ends: in between it would be a presliding friction that fits a little better.
+    stands : at standstill 0 the drive goes on holding it, 1 it is zero
     """
 
     id = "backlash"
     transient = True
-    equation = "dI = B * exp(-(s / gap)^edge) * sgn(v), s = way or time since the reversal"
+    equation = "dI = B * exp(-(s / gap)^edge) * sgn(v), held or 0 at rest, s = way or time since the reversal"
     amplitudes = (Parameter("B", "A"),)
     shape = (
         Parameter("gap", "mm or s", low=0.005, high=5.0, scale="log", points=8),
         Parameter("edge", "–", low=1.0, high=64.0, scale="log", values=(1.0, 8.0, 64.0)),
         choice("per", 2),
+        choice("stands", 2, first=1),
     )
     axes = LINEAR_AXES
 
-    def regressors(self, state, *, gap, edge, per):
+    def regressors(self, state, *, gap, edge, per, stands=0.0):
         s = state.since_reversal if round(per) == 0 else state.since_reversal_s
-        return column(lost_motion(s, gap, edge) * state.held)
+        return column(lost_motion(s, gap, edge) * (state.held, state.along)[round(stands)])
 
     def equation_in(self, axis, shape):
         s = ("way", "time")[round(shape["per"])]
-        return f"dI = B * exp(-(s / gap)^edge) * sgn(v), held at rest; s = {s} since the last reversal"
+        rest = ("held at rest", "at rest 0")[round(shape.get("stands", 0.0))]
+        return f"dI = B * exp(-(s / gap)^edge) * sgn(v), {rest}; s = {s} since the last reversal"
 
     def needs(self, states):
         return turns(states)

@@ -1,105 +1,40 @@
 """Friction of an axis: what it resists with, in motion, at standstill and after a reversal.
 
-In:  `AxisState`. Out: mechanisms of the catalogue; the laws are in `pido.physics.friction`.
-The sign of the motion has a dead band: below it the axis stands, and only what holds at standstill acts. `rest` says
-for a law of any friction whether it is zero there (0), as a simulation with sgn(v) has it, or held, or whether its sign
-itself rises with the speed (see `direction`).
+In:  `AxisState`. Out: mechanisms of the catalogue; the laws are in `pido.physics.friction`, their sign in `sliding`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
+from pido.diagnosis.mechanisms.sliding import (
+    REST,
+    RISES_MM_S,
+    SIMULATED,
+    V_0,
+    Sliding,
+    at_rest,
+    direction,
+    is_smooth,
+    moves,
+    turned,
+    turning,
+    turns,
+)
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import best_stretch, periods_of, wave
 from pido.physics.friction import dahl_state, stribeck_curve
 
-_TURNS_MM = (0.0, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
-# What turns over the longest of them, in motion, is presliding by its own name.
-_SMOOTH = len(_TURNS_MM)  # of `rest`: the sign itself rises with the speed
-_RISES_MM_S = (0.1, 0.5, 2.5)  # speeds over which it may do so, that are asked first
-_REST = choice("rest", _SMOOTH + 1, first=_SMOOTH)
-_SLOWEST, _FASTEST = 0.02, 5.0  # mm/s
-_V_0 = Parameter("v_0", "mm/s", low=_SLOWEST, high=_FASTEST, scale="log", values=_RISES_MM_S[:1])
 # Friction of the other direction, of that of the first, which is still an asymmetry: with more of it the axis lacks
 # Coulomb's or viscous friction as well, which is a finding of its own; with all of it against it, it is two halves.
 _LEAST_BACK, _MOST_BACK = 0.3, 0.95
 _SHORTEST = 2.0  # mm, of a wave of friction along the travel: half the lead of a fine screw
 PEAKS = 3  # of a periodogram that are handed on
-
-
-def direction(state: AxisState, rest: float = 0.0, v_0: float = _RISES_MM_S[0]) -> Float1D:
-    """(n,) – sign of the motion, 0 at standstill; or, with `rest`, what friction itself knows of it.
-
-    Friction does not end where the axis stops: it goes on holding (1), and turns over a small way after a reversal (2;
-    Dahl 1968). An axis that stands is moved by micrometres all the time, and those do not turn it. Or friction is small
-    at a creep and rises over a speed v_0 (3), as where the sign is made smooth (Andersson, Söderberg and Björklund
-    2007).
-    """
-    form = round(rest)
-    if form == _SMOOTH:
-        return np.tanh(np.nan_to_num(state.v) / v_0)
-    return _turned(state, form) if form else state.along
-
-
-def _turned(state: AxisState, form: int) -> Float1D:
-    """(n,) – the direction of the last motion, turned at once (1) or over a way."""
-    way = _TURNS_MM[form - 1]
-    return dahl_state(state.held, state.since_reversal, state.segment, way) if way else state.held
-
-
-def at_rest(rest: float = 0.0) -> str:
-    """What `direction` is at standstill, or how smooth it is, as an equation says it."""
-    form = round(rest)
-    if form == _SMOOTH:
-        return "with tanh(v / v_0) for sgn(v)"
-    return f"held at rest, {_turning(form)}" if form else "at rest 0"
-
-
-def _turning(rest: float) -> str:
-    way = _TURNS_MM[round(rest) - 1]
-    return f"turning over {way:g} mm after reversals" if way else "turning at once"
-
-
-def moves(states: Sequence[AxisState]) -> str | None:
-    """Why friction cannot be seen: the axis never moves."""
-    return None if any(np.any(s.moving) for s in states) else "the axis never moves in these parts"
-
-
-def turns(states: Sequence[AxisState]) -> str | None:
-    """Why an effect of reversals cannot be seen."""
-    count = sum(float(s.segment[-1]) for s in states if len(s.segment))
-    return None if count >= 2 else f"{count:.0f} reversal(s) of the axis; at least 2 are needed"
-
-
-class Sliding(Mechanism):
-    """A law in proportion to the sign of the motion, with what this is at rest."""
-
-    def forms_at_rest(self, shape):
-        *others, smooth = super().forms_at_rest(shape)
-        return *others, *({**smooth, "v_0": v_0} for v_0 in _RISES_MM_S)
-
-    def around(self, name, shape, states):
-        if name != "v_0":
-            return super().around(name, shape, states)
-        v_0 = shape.get(name, _RISES_MM_S[0])
-        return (max(v_0 / 3, _SLOWEST), min(3 * v_0, _FASTEST)) if _is_smooth(shape) else (v_0, v_0)
-
-    def free(self, shape):
-        return super().free(shape) - (not _is_smooth(shape))
-
-    def idle(self, shape):
-        return frozenset() if _is_smooth(shape) else frozenset({"v_0"})
-
-
-def _is_smooth(shape: Mapping[str, float]) -> bool:
-    """Whether a shape takes a sign that rises with the speed."""
-    return round(shape.get("rest", 0.0)) == _SMOOTH
 
 
 class CoulombFriction(Sliding):
@@ -108,10 +43,10 @@ class CoulombFriction(Sliding):
     id = "coulomb_friction"
     equation = "dI = F_c * sgn(v), at rest 0 or held, or with tanh(v / v_0) for sgn(v)"
     amplitudes = (Parameter("F_c", "A", low=0.0),)
-    shape = (_REST, _V_0)
+    shape = (REST, V_0)
     summary = "whenever the {axis} axis moves, against its direction"
 
-    def regressors(self, state, *, rest=0.0, v_0=_RISES_MM_S[0]):
+    def regressors(self, state, *, rest=0.0, v_0=RISES_MM_S[0]):
         return column(direction(state, rest, v_0))
 
     def starts(self, states):
@@ -158,12 +93,12 @@ class StribeckFriction(Sliding):
     shape = (
         Parameter("v_s", "mm/s", low=0.05, high=40.0, scale="log", points=9),
         Parameter("delta", "–", low=0.5, high=2.0, values=(1.0, 2.0)),
-        _REST,
-        _V_0,
+        REST,
+        V_0,
     )
     axes = LINEAR_AXES
 
-    def regressors(self, state, *, v_s, delta, rest=0.0, v_0=_RISES_MM_S[0]):
+    def regressors(self, state, *, v_s, delta, rest=0.0, v_0=RISES_MM_S[0]):
         return column(stribeck_curve(state.v, v_s, delta) * direction(state, rest, v_0))
 
     def equation_in(self, axis, shape):
@@ -184,21 +119,28 @@ class StribeckFriction(Sliding):
 
 
 class StandstillFriction(Mechanism):
-    """Friction that holds at standstill with the sign of the last motion; `rest`: 0 of any, else turned over a way."""
+    """Friction that holds at standstill with the sign of the last motion.
+
+    rest : 0 of any, 1 to 3 turned over a way, 4 as far as the simulation holds there
+    """
 
     id = "standstill_friction"
     equation = "dI = F_h * sgn(v before the stop) at standstill"
     amplitudes = (Parameter("F_h", "A", low=0.0),)
-    shape = (choice("rest", 1 + len(_TURNS_MM)),)
+    shape = (choice("rest", SIMULATED + 1),)
     axes = LINEAR_AXES
     summary = "{axis} axis, at standstill, with the sign of its last motion"
 
     def regressors(self, state, *, rest=0.0):
-        return column(_turned(state, round(rest)) * ~state.moving if round(rest) else state.held - state.along)
+        return column(turned(state, round(rest)) * ~state.moving if round(rest) else state.held - state.along)
 
     def equation_in(self, axis, shape):
-        rest = shape.get("rest", 0.0)
-        return f"{self.equation}, {_turning(rest)}" if round(rest) else self.equation
+        form = round(shape.get("rest", 0.0))
+        return f"{self.equation}, {turning(form)}" if form else self.equation
+
+    def starts(self, states):
+        known = any(s.sim_held is not None for s in states)
+        return tuple(shape for shape in super().starts(states) if known or shape["rest"] != SIMULATED)
 
     def needs(self, states):
         still = any(np.any((s.held != 0) & ~s.moving) for s in states)
@@ -223,13 +165,13 @@ class FrictionAsymmetry(Sliding):
     shape = (
         choice("side", 5),
         Parameter("back", "–", low=-_MOST_BACK, high=_LEAST_BACK, values=(-0.4, 0.2)),
-        _REST,
-        _V_0,
+        REST,
+        V_0,
     )
     axes = LINEAR_AXES
     summary = "{axis} axis, friction differs between + and - direction"
 
-    def regressors(self, state, *, side, back=0.0, rest=0.0, v_0=_RISES_MM_S[0]):
+    def regressors(self, state, *, side, back=0.0, rest=0.0, v_0=RISES_MM_S[0]):
         h = direction(state, rest, v_0)
         forth, other = np.maximum(h, 0.0), np.minimum(h, 0.0)
         weight = (np.abs(h) / 2, forth, other, forth + back * other, other + back * forth)[which(side, 5)]
@@ -276,12 +218,12 @@ class LoadDependentFriction(Sliding):
     id = "load_dependent_friction"
     equation = "dI = mu * |F_perp| * sgn(v), at rest 0 or held, or with tanh(v / v_0) for sgn(v)"
     amplitudes = (Parameter("mu", "A/N", low=0.0),)
-    shape = (choice("across", 3), _REST, _V_0)
+    shape = (choice("across", 3), REST, V_0)
     axes = LINEAR_AXES
     summary = "{axis} axis in motion under process load"
     follows_from = ("force_perp",)
 
-    def regressors(self, state, *, across=0.0, rest=0.0, v_0=_RISES_MM_S[0]):
+    def regressors(self, state, *, across=0.0, rest=0.0, v_0=RISES_MM_S[0]):
         if state.force_perp is None:
             return nothing(state)
         others = [np.abs(f) for a, f in state.forces.items() if a != state.axis]
@@ -325,14 +267,14 @@ class PositionDependentFriction(Sliding):
         choice("form", 7),
         Parameter("L", "mm", low=0.5, high=5000.0, scale="log", points=12),
         Parameter("p_0", "mm", values=(0.0,)),
-        _REST,
-        _V_0,
+        REST,
+        V_0,
     )
     axes = LINEAR_AXES
     looked_at = 300
     follows_from = ("pos",)
 
-    def regressors(self, state, *, form, L, p_0, rest=0.0, v_0=_RISES_MM_S[0]):
+    def regressors(self, state, *, form, L, p_0, rest=0.0, v_0=RISES_MM_S[0]):
         if state.pos is None:
             return nothing(state, len(self.amplitudes))
         return self.along(state.pos, form=form, L=L, p_0=p_0) * direction(state, rest, v_0)[:, None]
@@ -422,7 +364,7 @@ class PositionDependentFriction(Sliding):
         return super().around(name, shape, states) if name == "v_0" else (shape[name], shape[name])
 
     def free(self, shape):
-        return (1, 0, 2, 1, 0, 0, 0)[round(shape["form"])] + _is_smooth(shape)
+        return (1, 0, 2, 1, 0, 0, 0)[round(shape["form"])] + is_smooth(shape)
 
     def conditions(self, axis, shape):
         form, L, p_0 = round(shape["form"]), shape["L"], shape["p_0"]
@@ -437,7 +379,7 @@ class PositionDependentFriction(Sliding):
 def _at_and_off_rest(forms: Sequence[tuple[float, float, float]]) -> tuple[dict[str, float], ...]:
     """Forms (form, L, p_0) of a friction along the travel as shapes: zero at rest, and held there."""
     return tuple(
-        {"form": f, "L": L, "p_0": p, "rest": rest, "v_0": _RISES_MM_S[0]} for rest in (0.0, 2.0) for f, L, p in forms
+        {"form": f, "L": L, "p_0": p, "rest": rest, "v_0": RISES_MM_S[0]} for rest in (0.0, 2.0) for f, L, p in forms
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
-from pido.diagnosis.mechanisms.friction import at_rest, direction
+from pido.diagnosis.mechanisms.sliding import at_rest, direction
 from pido.diagnosis.state import AxisState, speed_along_path
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, Told, choice, column, nothing, which
-from pido.diagnosis.mechanisms.friction import at_rest, direction
+from pido.diagnosis.mechanisms.sliding import SIMULATED, STEEP, at_rest, direction
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
 from pido.physics.thermal import coldness, coldness_after
@@ -27,6 +27,7 @@ class ThermalDrift(Mechanism):
         the machine's clock begins, which may be long before the first part
     along : 0 a constant load, 1 against the motion, 2 with the speed (oil thins as it warms)
     rises : 0 fades from cold, 1 grows towards the steady value
+    rest : of a load against the motion, what it is at rest (see `direction`)
     """
 
     id = "thermal_drift"
@@ -38,11 +39,12 @@ class ThermalDrift(Mechanism):
         choice("clock", 4),
         choice("along", 3),
         choice("rises", 2),
+        choice("rest", SIMULATED + 1, first=1),
     )
     summary = "{axis} axis, changing over the time since start with a time constant of {tau:.3g} s"
     follows_from = ("clock",)
 
-    def regressors(self, state, *, tau, clock, along, rises):
+    def regressors(self, state, *, tau, clock, along, rises, rest=0.0):
         if round(clock) == 0:
             cold = coldness(state.time, tau)
         elif state.clock is None or state.earlier is None:
@@ -56,13 +58,13 @@ class ThermalDrift(Mechanism):
             start = float(state.clock[0])
             cold = coldness(state.clock - start, tau, coldness_after(state.earlier, start, tau))
         level = 1.0 - cold if round(rises) == 1 else cold
-        factor = (np.ones(len(cold)), direction(state), state.v * state.moving)[which(along, 3)]
+        factor = (np.ones(len(cold)), direction(state, rest), state.v * state.moving)[which(along, 3)]
         return column(level * factor)
 
     def equation_in(self, axis, shape):
         clock, rises = round(shape["clock"]), round(shape["rises"]) == 1
         cold = f"{'c_0 * ' if clock == 2 else ''}exp(-t / tau)"
-        along = ("", f" * sgn(v), {at_rest()}", " * v")[which(shape["along"], 3)]
+        along = ("", f" * sgn(v), {at_rest(shape.get('rest', 0.0))}", " * v")[which(shape["along"], 3)]
         since = (
             "t = time since the start of each part",
             "t = time since the start of the first part",
@@ -83,16 +85,22 @@ class ThermalDrift(Mechanism):
             forms.append((3.0, 1.0))  # what fades differs from clock 1 by its size only
         low, high = self.shape[0].low or 0.0, self.shape[0].high or np.inf
         taus = np.clip(np.geomspace(0.2 * longest, max(3 * whole, longest), 5), low, high)
+        taus = dict.fromkeys(taus.tolist())
+        middle = list(taus)[len(taus) // 2]
         return tuple(
-            {"tau": float(tau), "clock": clock, "along": along, "rises": rises}
-            for tau in dict.fromkeys(taus.tolist())
+            {"tau": tau, "clock": clock, "along": along, "rises": rises, "rest": rest}
+            for tau in taus
             for clock, rises in forms
             for along in (0.0, 1.0, 2.0)
+            for rest in ((0.0, 1.0) if along == 1 and tau == middle else (0.0,))
         )
+
+    def forms_at_rest(self, shape):
+        return tuple({**shape, "rest": rest} for rest in STEEP) if which(shape["along"], 3) == 1 else (dict(shape),)
 
     def around(self, name, shape, states):
         if name != "tau":
-            return shape[name], shape[name]
+            return shape.get(name, 0.0), shape.get(name, 0.0)
         return max(self.shape[0].low or 0.0, shape["tau"] / 3), min(self.shape[0].high or np.inf, shape["tau"] * 3)
 
     def told(self, states, shape, sizes):
