@@ -21,6 +21,7 @@ from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.identify import coarse_columns, left_over
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.mechanisms.sliding import SIMULATED
 from pido.diagnosis.misfit import cancelled, lasting
 from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import best_addition, drop_useless, grid_terms, swap
@@ -60,7 +61,8 @@ _LATER = frozenset(
         "backlash",
     }
 )
-_PLAIN = frozenset({"coulomb_friction", "viscous_friction", "inertia"})
+_OWN_STATE = "coulomb_friction"
+_PLAIN = frozenset({_OWN_STATE, "viscous_friction", "inertia"})
 NOT_A_COMPONENT = frozenset(
     {
         "sensor_gain",
@@ -98,7 +100,7 @@ def contained(
     library = Library(problem, offered, collinear=_COLLINEAR, lag=lag)
     library.whiten(faint)
     # What falls with speed, over a long way, is nearly all of a friction: from there no single swap leads back to two.
-    coulomb = [t for t in offered if t.mechanism.id == "coulomb_friction"][:1]
+    coulomb = [t for t in offered if t.mechanism.id == _OWN_STATE][-1:]
     tried = [swap(library, faint, _greedy(library, faint, start, _LATER), _LATER) for start in ([], coulomb)]
     tried = [drop_useless(library, faint, terms, _LEAST_GAIN) for terms in tried]
     usual = min(tried, key=lambda terms: float(basis(library, faint, terms).bic))
@@ -127,8 +129,10 @@ def contained(
 
 
 def _offered(mechanisms: Sequence[Mechanism], mismatch: Mismatch) -> list[Term]:
-    """What a simulation holds at rest has a name of its own, and is not asked for within other laws."""
-    return [t for m in mechanisms for t in grid_terms(m, mismatch.states) if not dict(t.shape).get("rest")]
+    """What a simulation holds at rest has a name of its own, and is not asked for within other laws; a friction with a
+    state of its own there is Coulomb's."""
+    every = [t for m in mechanisms for t in grid_terms(m, mismatch.states)]
+    return [t for t in every if not (rest := dict(t.shape).get("rest")) or (rest == SIMULATED and t.name == _OWN_STATE)]
 
 
 def _of_simulation(mismatch: Mismatch, stride: int) -> Mismatch:

@@ -42,6 +42,7 @@ MISFIT, MISFIT_PLAIN = 0.04, 0.01
 # through, and turns within micrometres that no record shows: a textbook form is right to a good part of it only. One
 # that takes WORTH of the error on unseen folds away stays nevertheless: a correction is better with it.
 _MISFIT_AT_STOPS = 0.08
+_ALONG_TRAVEL = frozenset({"torque_ripple", "position_dependent_friction"})
 AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
 _CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
 _TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: with so much of it gone it is no gain
@@ -58,6 +59,7 @@ _UNSEEN_IN_A_BOX = 0.02  # the same of a law in a box: there are more boxes than
 _MANY_VISITS = 12  # blocks that meet a box, of which single ones do not speak for all
 _LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
+_IN_MOTION = (0.02, 0.5)  # of the power of a law along the travel: with less it is none, with more nothing is asked
 _SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
 
 
@@ -83,6 +85,8 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
         if term.mechanism.id == "thermal_drift" and dict(term.shape)["tau"] < _WARMS_S:
             return i, f"it changes within {dict(term.shape)['tau']:.3g} s: nothing warms so fast"
         others = [t for k, t in enumerate(terms) if k != i]
+        if term.mechanism.id in _ALONG_TRAVEL and not _seen_in_motion(mismatch, others, terms, effects[i]):
+            return i, "nearly all of it is at standstill, where any wave goes through the few places of the stops"
         single = term.mechanism.transient and lasting(mismatch, term) < _LASTING
         if single and not _goes_on(mismatch, acts, others, terms):
             return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
@@ -125,6 +129,18 @@ def _holds_unseen(
     if paired_p(gain, mismatch, mismatch.usable & met) <= least:
         return True
     return few and p_value(Whitened((b - a)[None], b, (slice(0, 1),)), 0, mismatch.block, pooled=True) <= least
+
+
+def _seen_in_motion(mismatch: Mismatch, others: Sequence[Term], terms: Sequence[Term], effect: Float1D) -> bool:
+    """Whether a law along the travel, `effect` (n,) in A of `terms`, is there while the axis travels: at standstill it
+    says one number for each stop, and what is left of friction differs from stop to stop by itself."""
+    moving = np.concatenate([s.moving for s in mismatch.states]) & mismatch.usable
+    power = effect**2 * mismatch.usable
+    share = float(power[moving].sum()) / max(float(power.sum()), 1e-300)
+    if share > _IN_MOTION[1]:
+        return True
+    before, after = (cross_residual(mismatch, even(mismatch), t) for t in (others, terms))
+    return share > _IN_MOTION[0] and paired_p(before**2 - after**2, mismatch, moving) <= _UNSEEN
 
 
 def _seldom(term: Term, blocks: int) -> bool:

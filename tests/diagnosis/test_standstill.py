@@ -1,5 +1,7 @@
 """A friction that nothing but standstill shows is what the axis holds there, whatever curve over speed fits it too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,13 +11,15 @@ from pido.diagnosis.answers import equation_text
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.correct import correct
 from pido.diagnosis.forms import plainest
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, known_of
 from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
-from pido.diagnosis.terms import Term
+from pido.diagnosis.terms import Term, fit
 from tests.diagnosis.feeds import laid_out
 from tests.diagnosis.planted import NOISE, part, white
 
@@ -88,3 +92,30 @@ def test_a_feed_below_the_usual_band_is_motion_where_the_speed_has_no_noise():
     assert bands(seldom) == {"x": pytest.approx(0.006)}
     assert bands(creeps + np.random.default_rng(0).normal(0, 1e-3, len(creeps))) == {"x": 0.02}
     assert bands(np.where(np.abs(creeps) < 1, 1e-12 * creeps, creeps)) == {"x": 0.02}
+
+
+def left_at_stops(state, seed):
+    """Another part of the friction at each standstill, with any sign."""
+    stops = np.cumsum(np.diff(state.moving.astype(int), prepend=0) == -1)
+    return np.random.default_rng(seed).normal(size=int(stops[-1]) + 1)[stops] * ~state.moving
+
+
+@pytest.mark.parametrize("everywhere", [False, True])
+def test_a_wave_along_the_travel_is_seen_where_the_axis_travels(everywhere):
+    """Through one number for each stop a wave of some length always goes."""
+    ripple = BY_ID["torque_ripple"]
+    states = axis_states([part(k, stops=True) for k in range(3)], "x")
+    rng = np.random.default_rng(1)
+    of_stops = [left_at_stops(s, k) for k, s in enumerate(states)]
+    wave = Term(ripple, (("L", 2.9), ("harmonics", 0.0), ("late", 0.0)))
+    effect = [wave.of_part(s)[0] if everywhere else e for s, e in zip(states, of_stops, strict=True)]
+    mismatch = lay_out(states, [2 * NOISE * e + rng.normal(0, NOISE, len(e)) for e in effect])
+    noise = white(mismatch)
+    library = Library(mismatch, [wave])
+    library.whiten(noise)
+    rest = (Gate("v_x", -0.05, 0.05),)
+    waves = [wave.with_shape(L=float(L)) for L in np.geomspace(0.5, 8.0, 300)]
+    waves = waves if everywhere else [replace(w, gates=rest) for w in waves]
+    best = max(waves, key=lambda term: -fit(mismatch, noise, [term]).rss)
+    found = useless(library, noise, [best])
+    assert found is None if everywhere else found is not None and "standstill" in (found[1] or "")

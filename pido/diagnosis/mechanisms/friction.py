@@ -50,9 +50,13 @@ class CoulombFriction(Sliding):
         return column(direction(state, rest, v_0))
 
     def starts(self, states):
-        """A spindle that stands holds nothing: what it draws at rest is no friction."""
-        held = states[0].axis in LINEAR_AXES
-        return tuple(shape for shape in super().starts(states) if held or shape["rest"] == 0.0)
+        """A spindle that stands holds nothing: what it draws at rest is no friction. Where a simulation holds something
+        of its own at rest, that is a start, too."""
+        every = super().starts(states)
+        if states[0].axis not in LINEAR_AXES:
+            return tuple(shape for shape in every if shape["rest"] == 0.0)
+        known = any(s.sim_held is not None for s in states)
+        return (*every, {**every[0], "rest": float(SIMULATED)}) if known else every
 
     def equation_in(self, axis, shape):
         return f"dI = F_c * sgn(v), {at_rest(shape.get('rest', 0.0))}"

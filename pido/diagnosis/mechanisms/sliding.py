@@ -20,6 +20,7 @@ from pido.physics.friction import dahl_state
 _TURNS_MM = (0.0, 0.03, 0.3)  # ways over which friction turns, as far as a law cares: from ball to slideway
 # What turns over the longest of them, in motion, is presliding by its own name.
 _SMOOTH = len(_TURNS_MM)  # of `rest`: the sign itself rises with the speed
+HELD = 1  # of `rest`: with the sign of the last motion, turned at once
 SIMULATED = _SMOOTH + 1  # of `rest`: at standstill as the simulation has it
 STEEP = tuple(float(form) for form in range(SIMULATED + 1) if form != _SMOOTH)  # forms of `rest` without a speed
 RISES_MM_S = (0.1, 0.5, 2.5)  # speeds over which it may do so, that are asked first

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
+from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter, Told, choice, column, nothing, which
-from pido.diagnosis.mechanisms.sliding import SIMULATED, STEEP, at_rest, direction
+from pido.diagnosis.mechanisms.sliding import HELD, SIMULATED, STEEP, at_rest, direction
 from pido.diagnosis.state import AxisState
 from pido.physics.drive import beyond
 from pido.physics.thermal import coldness, coldness_after
@@ -85,14 +86,14 @@ class ThermalDrift(Mechanism):
             forms.append((3.0, 1.0))  # what fades differs from clock 1 by its size only
         low, high = self.shape[0].low or 0.0, self.shape[0].high or np.inf
         taus = np.clip(np.geomspace(0.2 * longest, max(3 * whole, longest), 5), low, high)
-        taus = dict.fromkeys(taus.tolist())
-        middle = list(taus)[len(taus) // 2]
+        rests = states[0].axis in LINEAR_AXES and any(np.any((s.held != 0) & ~s.moving) for s in states)
+        held = float(HELD if all(s.sim_held is None for s in states) else SIMULATED)
         return tuple(
             {"tau": tau, "clock": clock, "along": along, "rises": rises, "rest": rest}
-            for tau in taus
+            for tau in dict.fromkeys(taus.tolist())
             for clock, rises in forms
             for along in (0.0, 1.0, 2.0)
-            for rest in ((0.0, 1.0) if along == 1 and tau == middle else (0.0,))
+            for rest in ((0.0, held) if along == 1 and rests else (0.0,))
         )
 
     def forms_at_rest(self, shape):
