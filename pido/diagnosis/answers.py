@@ -43,7 +43,8 @@ from pido.diagnosis.locate import (
 from pido.diagnosis.mechanisms.advice import recording_that_names, recording_that_tells
 from pido.diagnosis.mechanisms.base import Told
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import meanings
+from pido.diagnosis.quantities import in_words as said_of
+from pido.diagnosis.quantities import meanings
 from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.switches import gate_words
 from pido.diagnosis.terms import Term
@@ -154,7 +155,7 @@ def equation_text(term: Term, axis: str) -> str:
     text = re.sub(r"(?<![\w|])(v|a|pos)(?![\w_(])", rf"\1_{axis}", text)
     text = re.sub(r"\|(v|a)\|", rf"|\1_{axis}|", text)
     if term.name == "unknown":
-        text = "; ".join([text, *meanings(text, axis)])
+        text = "; ".join([text, *meanings(text)])
     if term.lag:
         text += f"; answered late by the drive, first order, {term.lag:.2g} s"
     if term.gates:
@@ -230,7 +231,8 @@ def words(term: Term, states: Sequence[AxisState], sizes: Mapping[str, float] | 
     rows = [inside(s, term.gates) > 0 for s in states]
     told = term.mechanism.told_in(states, rows, dict(term.shape), sizes or {})
     regions = " and ".join(gate_words(g, states) for g in term.gates).replace(" and only where ", " and ")
-    summary = f"{told.summary}, {regions}" if regions else told.summary
+    plain = said_of(told.summary, term.mechanism.reads)
+    summary = f"{plain}, {regions}" if regions else plain
     conditions = (*told.conditions, *(g.condition for g in term.gates))
     return told._replace(summary=in_words(summary), conditions=conditions)
 
