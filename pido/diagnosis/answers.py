@@ -49,6 +49,7 @@ from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.switches import gate_words
 from pido.diagnosis.terms import Term
 from pido.diagnosis.units import units
+from pido.diagnosis.unknowns import recording_of_unknown
 from pido.diagnosis.whiten import Noise
 
 _MOST_ALTERNATIVES = 4
@@ -108,18 +109,21 @@ def finding_of(
         factor=factor,
         by_part=parts,
         said=told.name,
-        to_record=told.to_record or to_record(term, every, coolant_recorded(mismatch.states)),
+        to_record=told.to_record or to_record(term, every, coolant_recorded(mismatch.states), mismatch.states),
     )
 
 
-def to_record(term: Term, every: float | None, coolant: bool = False) -> str:
-    """What would tell what a term is that is tied to times alone; '' for any other.
+def to_record(term: Term, every: float | None, coolant: bool = False, states: Sequence[AxisState] = ()) -> str:
+    """What would tell what a term is that is tied to times alone, or that has no name; '' for any other.
 
     every : s, after which it comes again; None where it has no rhythm; coolant : whether it is recorded when it is on
+    states : of the diagnosed parts, by which a law without a name is told what they leave open
     """
     if isinstance(term.mechanism, Rhythm):
         return recording_that_names(dict(term.shape)["T"], coolant)
-    return recording_that_names(every, coolant) if isinstance(term.mechanism, ExternalForce) else ""
+    if isinstance(term.mechanism, ExternalForce):
+        return recording_that_names(every, coolant)
+    return recording_of_unknown(term, states) if term.name == "unknown" and states else ""
 
 
 def factor_of(
