@@ -112,7 +112,6 @@ def _when(term: Term, states: Sequence[AxisState]) -> str:
         here = f"; these data have {rate:.3g}" if rate < needs else ""
         return f". It rings at {shape['f']:.3g} Hz: record at least {in_digits(needs)} samples per second{here}"
     if isinstance(term.mechanism, Behind) and shape["tau"] > _SLOW_S:
-        return (
-            f". It comes {shape['tau']:.2g} s late: hold each for {3 * shape['tau']:.2g} s, and rest as long after it"
-        )
+        late, hold = in_digits(shape["tau"]), in_digits(3 * shape["tau"])
+        return f". It comes {late} s late: hold each for {hold} s, and rest as long after it"
     return ""
