@@ -26,6 +26,7 @@ from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms, uneven_inputs
+from pido.diagnosis.beyond import ranges
 from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, without_empty, without_wild
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
@@ -290,6 +291,7 @@ def _settle(
             for t, a in zip(terms, found.fit.amplitudes, strict=True)
         ),
         known=known_of(full.states),
+        seen=tuple(ranges(t, full.states, full.usable) for t in terms),
     )
     findings = []
     for i, term in enumerate(terms):

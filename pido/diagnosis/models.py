@@ -89,6 +89,8 @@ class AxisModel:
     limits : per part, A – the recorded current never leaves them; a part that was not seen has the widest
     largest : per term, A – its largest effect on the diagnosed parts; where it is not known, nothing is bounded
     known : what every diagnosed part said of the axis (fields of AxisState that a part may leave out)
+    seen : per term, range of each signal that it follows from on the diagnosed parts, in the signal's unit; of a model
+        of before, which does not keep it, empty
     """
 
     axis: str
@@ -102,6 +104,7 @@ class AxisModel:
     notes: tuple[str, ...] = field(default=())
     largest: tuple[float, ...] = ()
     known: tuple[str, ...] = ()
+    seen: tuple[Mapping[str, tuple[float, float]], ...] = ()
 
     def simulated(self, recording: Recording, state: AxisState) -> Float1D:
         """(n,), A. Raises DiagnosisError where the recording has no simulated current and there is no equation."""
@@ -205,7 +208,10 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
         "equation": None
         if m.equation is None
         else {"names": list(m.equation.names), "alone": m.equation.alone.tolist(), "joint": m.equation.joint.tolist()},
-        "terms": [_term_json(t, a) for t, a in zip(m.terms, m.amplitudes, strict=True)],
+        "terms": [
+            _term_json(t, a) | {"seen": {name: list(ends) for name, ends in seen.items()}}
+            for t, a, seen in zip(m.terms, m.amplitudes, m.seen or ({},) * len(m.terms), strict=True)
+        ],
         "largest": list(m.largest),
         "known": list(m.known),
     }
@@ -230,6 +236,10 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         },
         largest=tuple(float(v) for v in data.get("largest", [])),
         known=tuple(str(name) for name in data.get("known", []) if name in _GIVEN_BY),
+        seen=tuple(
+            {str(name): (float(low), float(high)) for name, (low, high) in t.get("seen", {}).items()}
+            for t in data["terms"]
+        ),
     )
 
 
