@@ -1,6 +1,7 @@
 """How far the values go that a finding was fitted on, and what of another part lies beyond them.
 
-In:  a term on the diagnosed parts; or the model of a diagnosis and the recording of a part that is corrected by it.
+In:  a term, or the columns of an equation, on the diagnosed parts; or the model of a diagnosis and the recording of a
+     part that is corrected by it.
 Out: the range of each quantity that the term is a law of; the part's rows outside of it. A law is known where it was
      seen: what it says beyond is extrapolated, however well it holds within.
 """
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D
+from pido.core.columns import FORCE_SIM
 from pido.core.recording import Recording
 from pido.diagnosis.answers import equation_text
 from pido.diagnosis.correct import without_currents
@@ -28,6 +30,8 @@ from pido.diagnosis.terms import Term
 
 _NO_RANGE = ("held_", "speeding_", "braking_", "coolant", "pos_sp", "t_go_", "stood_", "rested_", "t_block", "t_cut")
 """Signs, switches, an angle of which every turn is like the other, times that count no further than a few seconds."""
+_SIGNALS = {**{c: f"f_{a}" for a, c in FORCE_SIM.items()}, "m_sp_sim": "M_sp", "mrr_sim": "MRR"}
+"""What columns are called that are signals under another name."""
 _MARGIN = 0.05
 """Of a range, by which a value has to leave it: its ends are those of samples, not of what the machine does."""
 _SOME = 1e-3
@@ -80,6 +84,18 @@ def ranges(term: Term, states: Sequence[AxisState], usable: Bool1D) -> dict[str,
     return found
 
 
+def ranges_of_columns(
+    parts: Sequence[Recording], columns: Sequence[str], usable: Bool1D
+) -> dict[str, tuple[float, float]]:
+    """The same of columns of the recordings, for an equation of them in place of a simulation."""
+    every = {
+        name: np.concatenate([np.asarray(p[name], float) for p in parts])[usable]
+        for name in columns
+        if all(name in p for p in parts)
+    }
+    return {n: (float(np.nanmin(v)), float(np.nanmax(v))) for n, v in every.items() if np.isfinite(v).any()}
+
+
 def beyond(model: Mapping[str, Any], recording: Recording) -> list[Beyond]:
     """What of a part lies outside of what each finding was fitted on; nothing for a model that does not keep that.
 
@@ -91,6 +107,9 @@ def beyond(model: Mapping[str, Any], recording: Recording) -> list[Beyond]:
         bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
     out = []
     for axis, own in axis_models(model).items():
+        for column, ends in ({} if own.equation is None else own.equation.seen).items():
+            if column in without and (found := _outside(np.asarray(without[column], float), *ends)) is not None:
+                out.append(Beyond(axis, "the equation", _SIGNALS.get(column, column), *ends, *found))
         if not any(own.seen):
             continue
         (state,) = axis_states([without], axis, bands=bands)
@@ -106,7 +125,7 @@ def _outside(values: Float1D, low: float, high: float) -> tuple[float, float, fl
     """Share beyond, least and greatest value; None where what lies beyond is next to nothing."""
     margin = _MARGIN * (high - low)
     share = float(np.mean((values < low - margin) | (values > high + margin))) if len(values) else 0.0
-    return None if share < _SOME else (share, float(values.min()), float(values.max()))
+    return None if share < _SOME else (share, float(np.nanmin(values)), float(np.nanmax(values)))
 
 
 def _names(term: Term, axis: str) -> list[str]:

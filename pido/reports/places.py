@@ -15,7 +15,7 @@ from bokeh.models import ColorBar, LinearColorMapper
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
-from pido.core.arrays import Array1D
+from pido.core.arrays import Array1D, Bool1D, Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.core.columns import POSITION, VELOCITY
 from pido.core.recording import Recording
@@ -65,16 +65,25 @@ def maps(
                 lambda p: np.abs(shown[p].mismatch[axis]),
             )
         )
+        order, rest = np.argsort(np.nan_to_num(size)), ""  # where it is large is seen, whatever lies there too
+        if columns is VELOCITY:  # a few rapids would press all else together
+            usual = np.all([_is_usual(values) for values in (x, y)], axis=0)
+            order, rest = order[usual[order]], "; the fastest few are left out" * bool(np.mean(usual) < 1)
         high = float(np.nanquantile(size, 0.99)) or 1.0
         mapper = LinearColorMapper(palette=list(Cividis256), low=0.0, high=high)
         plot = signal_figure(
-            f"{title}:\nsize of the mismatch on axis {axis}", f"{first}, {along}", f"{second}, {along}", 380
-        )
+            f"{title}:\nsize of the mismatch on axis {axis}{f', {unit}' if unit else ''}{rest}",
+            f"{first}, {along}", f"{second}, {along}", 380,
+        )  # fmt: skip
         plot.scatter(
-            "x", "y", source={"x": x, "y": y, "size": size}, color={"field": "size", "transform": mapper}, size=4
+            "x",
+            "y",
+            source={"x": x[order], "y": y[order], "size": size[order]},
+            color={"field": "size", "transform": mapper},
+            size=4,
         )
-        plot.match_aspect = True  # a circle of the part is a circle on the page
-        plot.add_layout(ColorBar(color_mapper=mapper, title=unit), "right")
+        plot.match_aspect = columns is POSITION  # a circle of the part is a circle on the page
+        plot.add_layout(ColorBar(color_mapper=mapper), "right")
         figures.append(plot)
     return figures
 
@@ -145,6 +154,11 @@ def _that_move(
 def _how_far(values: Sequence[Array1D]) -> float:
     known = [v for v in (np.asarray(v, float) for v in values) if np.isfinite(v).any()]
     return float(np.ptp(np.nanquantile(np.concatenate(known), _USUAL))) if known else 0.0
+
+
+def _is_usual(values: Float1D) -> Bool1D:
+    low, high = np.nanquantile(values, _USUAL)
+    return (values >= low) & (values <= high)
 
 
 def _places(findings: Sequence[Finding]) -> list[str]:

@@ -95,6 +95,21 @@ def test_a_model_of_before_still_corrects(diagnosed, tmp_path):
     assert notes == []
 
 
+def test_an_equation_in_place_of_a_simulation_is_known_as_far_as_its_columns_went(tmp_path):
+    def bare(*how, **more):
+        made = part(*how, **more)
+        return Recording(made.part, {n: v for n, v in made.columns.items() if n != "curr_x_sim"})
+
+    folders = [write_folder(bare(k), tmp_path / f"p{k}") for k in (1, 2, 3)]
+    answer = CliRunner().invoke(diagnose_command, [*map(str, folders), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 0, answer.output
+    _, notes, _ = corrected(tmp_path / "out", bare(4, fastest=40.0), tmp_path)
+    (line,) = [note for note in notes if "the equation" in note and "speed" in note]
+    assert "the speed of the x axis from -12 to 12 mm/s" in line
+    _, notes, _ = corrected(tmp_path / "out", bare(5), tmp_path)
+    assert not any("beyond" in note for note in notes)
+
+
 def loaded(number=1, force=100.0, place=0.0, accelerating=1.0):
     t = np.arange(2000) * STEP
     columns = {"time": t, "pos_x": place + 30 * np.sin(t), "v_x": 30 * np.cos(t)}

@@ -101,6 +101,17 @@ def test_a_map_shows_axes_that_move_and_no_others():
     assert plot.yaxis.axis_label.text == "v_z, mm/s"
 
 
+def test_a_few_rapids_do_not_press_a_map_of_the_speeds_together():
+    made = recording()
+    fast = np.arange(len(made)) % 200 == 0
+    figures = section(finding("viscous_friction"), changed={"v_x": np.where(fast, 5000.0, made["v_x"])}).figures
+    (plot,) = [p for p in figures if SPEEDS in p.title.text.text]
+    at = plot.renderers[0].data_source.data
+    assert np.max(at["x"]) <= np.max(made["v_x"])
+    assert np.all(np.diff(at["size"]) >= 0)
+    assert plot.title.text.text.endswith("on axis x, A; the fastest few are left out")
+
+
 @pytest.mark.parametrize(
     ("law", "place"),
     [(Eased("v_sp", "v_x", "sgn u", "mm/s", "deg/s"), False), (Arm("pos_y", "v_x", "mm/s", form="sgn u"), True)],
