@@ -41,6 +41,8 @@ from pido.reports.words import beside_its_words, in_words, shortened
 
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
+NEARLY_MOST = 0.7
+"""Of the power of a mismatch in the stretch that has most of it, that the one shown has."""
 SHIFTS_SHOWN = 40
 """Times a shift in time, that the stretch lasts in which it is shown."""
 FEWEST_SHOWN = 40
@@ -94,7 +96,11 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
         sections.append(
             Section("Tried and rejected", table=Table(("axis", "what", "identifier", "why"), rows), folded=True)
         )
-    return Page(f"Diagnosis of {', '.join(machines)}: {len(by_part)} part(s)", verdict(diagnosis), sections)
+    return Page(
+        f"Diagnosis of {', '.join(machines)}: {len(by_part)} part{'s' * (len(by_part) != 1)}",
+        verdict(diagnosis),
+        sections,
+    )
 
 
 def verdict(diagnosis: Diagnosis) -> str:
@@ -154,7 +160,9 @@ def _overview(diagnosis: Diagnosis) -> Section:
             f.kind.replace("_", " "),
             f.where.summary,
             _rmse(f.fit) if f.modelled else "–",
-            _chance(f.evidence.q_value).removeprefix("= ") if f.modelled else "–",
+            _chance(f.evidence.q_value).removeprefix("= ").replace("-", "\N{NON-BREAKING HYPHEN}")
+            if f.modelled
+            else "–",
         )
         for f in diagnosis.findings
     ]
@@ -271,10 +279,15 @@ def _times(intervals: Sequence[Interval], forces: Mapping[str, Estimate]) -> str
 def _chance(p: float) -> str:
     """A probability; those too small to mean anything as a number are bounds.
 
-    >>> _chance(0.0123), _chance(1e-30)
-    ('= 0.012', 'below 1e-12')
+    >>> _chance(0.0123), _chance(1e-30), _chance(2e-9)
+    ('= 0.012', 'below 1e-12', '= 2e-9')
     """
-    return "below 1e-12" if p < 1e-12 else f"= {number(p, 2)}"
+    return "below 1e-12" if p < 1e-12 else f"= {number(p, 2)}".replace("e-0", "e-")
+
+
+def _in_one_line(text: str) -> str:
+    """A number that is not broken at its sign."""
+    return text.replace("-", "\N{NON-BREAKING HYPHEN}")
 
 
 def _unit(diagnosis: Diagnosis) -> str:
@@ -299,7 +312,8 @@ def _to_accept(diagnosis: Diagnosis) -> list[str]:
         return []
     call = "pido accept-physics FOLDER --finding {name} --by NAME --reason TEXT"
     found = offers([(f.axis, f.mechanism, f.kind) for f in diagnosis.findings], diagnosis.model)
-    return [f"Not {name}: it {why}" if why else call.format(name=name) for name, why in found]
+    why_not = {why: ", ".join(n for n, other in found if other == why) for _, why in found if why}
+    return [call.format(name=n) for n, why in found if not why] + [f"Not {n}: it {w}" for w, n in why_not.items()]
 
 
 def _figures(
@@ -395,8 +409,7 @@ def _worst_place(
         power = np.nan_to_num(recorded - simulated) ** 2
     step = max(float(np.median(np.diff(time))), 1e-6)
     width = max(1, min(len(time), max(FEWEST_SHOWN, int(seconds / step))))
-    total = np.cumsum(np.concatenate([[0.0], power]))
-    start = int(np.argmax(total[width:] - total[:-width]))
+    start = _shows_most(power, np.nan_to_num(simulated), width)
     window = slice(start, start + width)
     plot = signal_figure(f"Axis {axis}, part {shortened(part)}:\nwhere it differs most", "time, s", label)
     lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
@@ -409,6 +422,15 @@ def _worst_place(
         plot.line(x, y, color=COLOURS[name], legend_label=name, line_dash=dash, line_width=1.6)
     plot.legend.click_policy = "hide"
     return plot
+
+
+def _shows_most(power: Float1D, simulated: Float1D, width: int) -> int:
+    """Where the stretch of `width` rows begins in which a mismatch is seen best: of those with nearly the most of its
+    `power`, the one in which the current itself changes least, beside which it would be lost."""
+    total, first, second = (np.cumsum(np.r_[0.0, v]) for v in (power, simulated, simulated**2))
+    within, mean, square = ((v[width:] - v[:-width]) / width for v in (total, first, second))
+    change = np.where(within >= NEARLY_MOST * within.max(), square - mean**2, np.inf)
+    return int(np.argmin(change))
 
 
 def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:

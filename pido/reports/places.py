@@ -26,6 +26,7 @@ from pido.diagnosis.terms import Term
 from pido.reports.page import COLOURS, signal_figure, thin
 
 MOST_MAP_POINTS = 3000
+_MAP_PX, _BESIDE_PX = 300, 200  # height of a map, and what is beside it
 CURVE_POINTS = 400
 _ON_EITHER_AXIS = 0.05
 """Of how far one axis of a map goes, that the other one goes at least: less is a line, and no map."""
@@ -82,7 +83,11 @@ def maps(
             color={"field": "size", "transform": mapper},
             size=4,
         )
-        plot.match_aspect = columns is POSITION  # a circle of the part is a circle on the page
+        if columns is POSITION:  # a circle of the part is a circle on the page, and the page no wider than it
+            plot.match_aspect = True
+            plot.max_width = round(
+                _MAP_PX * np.nanmax([np.ptp(x[order]) / max(np.ptp(y[order]), 1e-9), 1.0]) + _BESIDE_PX
+            )
         plot.add_layout(ColorBar(color_mapper=mapper), "right")
         figures.append(plot)
     return figures

@@ -40,9 +40,9 @@ from pido.physics.drive import answered_late
 from pido.reports.page import COLOURS, number, signal_figure
 
 _LINE_POINTS = 400
-_CLASSES = 40  # of the quantity, in which the data are averaged
+_CLASSES = 25  # of the quantity, in which the data are averaged: as many alike in width, and alike in samples
 _FEWEST = 5  # samples of a class
-_ENDS = 0.002  # of the samples, at either end, that are beyond what is shown
+_ENDS = 0.005  # of the samples, at either end, that are beyond what is shown
 _FEW_VALUES = 3  # of a second quantity, each of which has a line of its own
 _PERIODS = 1.5  # beyond which a wave is shown over one period
 _COLOURS = ("mismatch", "corrected", "fourth", "fifth")
@@ -99,17 +99,18 @@ def shapes(
         f"Axis {axis}: what is missing over the\n{over}{', one period' if drawn.period else ''}",
         _label(drawn), f"missing,{unit}".rstrip(","), 320,
     )  # fmt: skip
+    edges = np.unique(np.r_[np.linspace(0, 1, _CLASSES + 1) * np.ptp(rows.u) + rows.u.min(), _quantiles(rows.u)])
     if drawn.second:
         groups = _groups(rows.w, drawn.second)
         for colour, (said, of) in zip(_COLOURS, groups, strict=False):
-            one = _classes(rows.at(of), np.linspace(rows.u.min(), rows.u.max(), _CLASSES + 1))
+            one = _classes(rows.at(of), edges)
             plot.scatter(one.u, one.missing, color=COLOURS[colour], size=6, alpha=0.6)
             plot.line(one.u, one.law, color=COLOURS[colour], line_width=1.8, legend_label=said)
     else:
         term, amplitudes = found
         u = np.linspace(rows.u.min(), rows.u.max(), _LINE_POINTS)
         columns = _alone(term.mechanism, dict(term.shape), drawn.signal, u)
-        one = _classes(rows, np.linspace(rows.u.min(), rows.u.max(), _CLASSES + 1))
+        one = _classes(rows, edges)
         if columns is not None and np.all(columns >= 0) and isinstance(term.mechanism, Surface):
             _band(plot, u, columns, columns @ amplitudes, finding)
         plot.scatter(one.u, one.missing, color="#777777", size=6, alpha=0.8, legend_label="data, means")
@@ -239,6 +240,10 @@ def _classes(rows: _Rows, edges: Float1D) -> _Rows:
         np.bincount(at, values, len(count))[some] / count[some] for values in (rows.u, rows.missing, rows.law)
     )
     return _Rows(u, None, missing, law)
+
+
+def _quantiles(u: Float1D) -> Float1D:
+    return np.quantile(u, np.linspace(0, 1, _CLASSES + 1))
 
 
 def _groups(w: Array1D | None, name: str) -> Sequence[tuple[str, Bool1D]]:
