@@ -61,7 +61,9 @@ MOST_PARTS = 20
 MOST_TIMES = 24
 """Stretches of time of an outside force that are told; all stand in diagnosis.json."""
 MOST_FAULTS = 40
-"""Faulty stretches of a signal shown in a row each."""
+"""Faulty stretches of a signal that are marked in its picture."""
+MOST_FAULTY_ROWS = 12
+"""Faulty stretches shown in a row each: what is seen at once, before the pictures."""
 
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
@@ -210,8 +212,13 @@ def _finding(f: Finding, diagnosis: Diagnosis, blocks: int, pictured: bool) -> S
         )
     else:
         lines.append("A contradiction within the recording itself: no fit is needed to see it, and none was made.")
-        if len(f.where.faults) > MOST_FAULTS:
-            lines.append(f"The first {MOST_FAULTS} of {len(f.where.faults)} places; all stand in details.json.")
+        if meant := columns_meant(f.equation):
+            lines.append(f"What these columns are: {'; '.join(meant)}.")
+        if len(f.where.faults) > MOST_FAULTY_ROWS:
+            lines.append(
+                f"The first {MOST_FAULTY_ROWS} of {len(f.where.faults)} stretches, each column for itself; all stand "
+                "in details.json."
+            )
     if f.replaces:
         lines.append(f"It takes the place of: {', '.join(f.replaces)}. Do not add the same physics twice.")
     for close, says in (
@@ -234,7 +241,7 @@ def _finding(f: Finding, diagnosis: Diagnosis, blocks: int, pictured: bool) -> S
         )
     if f.where.faults:
         places = [(s.part, s.column, f"{s.t_start:.2f}", f"{s.t_end:.2f}", s.reason) for s in f.where.faults]
-        table = Table(("part", "column", "from, s", "to, s", "what is wrong"), places[:MOST_FAULTS])
+        table = Table(("part", "column", "from, s", "to, s", "what is wrong"), places[:MOST_FAULTY_ROWS])
     return Section(f"Axis {f.axis}: {f.mechanism}", lines, table)
 
 

@@ -193,6 +193,8 @@ def test_a_fault_of_the_inputs_claims_no_fit():
     assert section.table.rows[0] == ("p01", "v_x", "12.00", "12.02", "spike")
     assert len(section.table.rows) < len(wrong)
     assert "details.json" in " ".join(section.text)
+    assert "speed of the x axis, mm/s" in " ".join(section.text)
+    assert len(section.table.rows) < 20  # the picture is not far below
     (plot,) = section.figures  # the faulty signal where it is first wrong; the current stands with what is found in it
     (line,) = plot.renderers
     at = line.data_source.data["x"]

@@ -13,7 +13,10 @@ _RAMPS = "moves of 50 mm at one feed with the acceleration limited to 100, 50 an
 _DAY = "the same air cut of 60 s at start-up, after an hour of running and after an hour's pause"
 
 _MOVES = "moves of the {a} axis alone in the air at five speeds from {slow} to {fast} mm/s, both directions, 10 s each"
-_TRAVEL = "one slow move of the {a} axis over its whole travel at 5 mm/s, both ways, twice, in the air"
+_TRAVEL = (
+    "one slow move of the {a} axis over its whole travel at 5 mm/s, both ways, twice, in the air: a friction turns "
+    "with the direction, a load does not"
+)
 _LOADS = "the same path with material, at two depths of cut, and without it"
 _SHOWS: tuple[tuple[str, str], ...] = (  # beginnings of signals' names, and what changes that signal and little else
     ("v_sp", "the idling spindle at five speeds from {slow_rpm} to {fast_rpm} rpm, 10 s each, with all axes at rest"),
