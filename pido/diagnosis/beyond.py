@@ -107,9 +107,9 @@ def beyond(model: Mapping[str, Any], recording: Recording) -> list[Beyond]:
         bands = {axis: float(band) for axis, band in model.get("dead_bands", {}).items()}
     out = []
     for axis, own in axis_models(model).items():
-        for column, ends in ({} if own.equation is None else own.equation.seen).items():
-            if column in without and (found := _outside(np.asarray(without[column], float), *ends)) is not None:
-                out.append(Beyond(axis, "the equation", _SIGNALS.get(column, column), *ends, *found))
+        for column, (low, high) in ({} if own.equation is None else own.equation.seen).items():
+            if column in without and (found := _outside(np.asarray(without[column], float), low, high)) is not None:
+                out.append(Beyond(axis, "the equation", _SIGNALS.get(column, column), low, high, *found))
         if not any(own.seen):
             continue
         (state,) = axis_states([without], axis, bands=bands)
