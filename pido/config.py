@@ -314,6 +314,11 @@ def machine_config(name: str, own: Path | None = None) -> MachineConfig:
     return _named(MachineConfig, "machine", name, _shipped("machines.toml"), own)
 
 
+def machines_in(own: Path) -> tuple[str, ...]:
+    """Names of the machines that a user's file defines; SettingsFileError for a fault of the file."""
+    return tuple(read_toml(own))
+
+
 def load_job(path: Path) -> Job:
     """A job file (TOML): machine, material, tools, raw part, and how to simulate.
 

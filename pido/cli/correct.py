@@ -25,7 +25,8 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
 
     DIAGNOSIS is the folder that `pido diagnose --out` wrote, or a file in it. No curr_<axis> column of PART is read: it
     works where there is no recording of the current yet. What the diagnosed parts left behind (heat, wear) is in the
-    diagnosis; what parts made since then left behind is carried on from those given with --after. Nothing is written
+    diagnosis; what parts made since then left behind is carried on from those given with --after. Where the part goes
+    beyond what a finding was fitted on, that is said, here and in the file's metadata (pido.notes). Nothing is written
     into what is read, or over a recording.
 
     \b
@@ -34,6 +35,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
+    from pido.diagnosis.beyond import beyond
     from pido.diagnosis.comparable import finite
     from pido.diagnosis.correct import (
         correct,
@@ -55,37 +57,35 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
         _same_machine(model, place, one)
     notes = said_of(read)
     recording, *earlier = (finite(one, notes) for one in read)
-    for note in [*notes, *check_all([*map(without_currents, (recording, *earlier))])]:
-        click.echo(note, err=True)
+    notes += check_all([*map(without_currents, (recording, *earlier))])
+    this = f"part {recording.part.part}:"
     if missing := not_told_of(model, recording, earlier):
         orders = ", ".join(map(str, missing))
-        click.echo(
-            f"part {recording.part.part}: of the parts made before it, number {orders} in production order is not "
-            "known; what was left behind there (heat, wear) is left out. Give it with --after.",
-            err=True,
+        notes.append(
+            f"{this} of the parts made before it, number {orders} in production order is not known; what was left "
+            "behind there (heat, wear) is left out. Give it with --after."
         )
     if wear_not_kept(model, recording, earlier):
-        click.echo(
-            f"part {recording.part.part}: this diagnosis is of a version that did not keep what its own parts wore "
-            "off; that is left out. Give them with --after, oldest first, or run 'pido diagnose' again.",
-            err=True,
+        notes.append(
+            f"{this} this diagnosis is of a version that did not keep what its own parts wore off; that is left out. "
+            "Give them with --after, oldest first, or run 'pido diagnose' again."
         )
     for name in not_applied(model, recording):
-        click.echo(
-            f"part {recording.part.part}: {name} is not applied: it is known over times of the diagnosed parts only, "
-            "tied to nothing that was recorded, and predicts no other part. report.html says what to record to find "
-            "what it is.",
-            err=True,
+        notes.append(
+            f"{this} {name} is not applied: it is known over times of the diagnosed parts only, tied to nothing that "
+            "was recorded, and predicts no other part. report.html says what to record to find what it is."
         )
     for axis, mean in own_shift(model, recording).items():
-        click.echo(
-            f"part {recording.part.part}: the diagnosed parts are each shifted in time by their own on axis {axis}; "
-            f"that of this part is not known, and their mean, {mean * 1e3:.3g} ms, stands in for it. Align recording "
-            "and simulation of each part at its first motion.",
-            err=True,
+        notes.append(
+            f"{this} the diagnosed parts are each shifted in time by their own on axis {axis}; that of this part is "
+            f"not known, and their mean, {mean * 1e3:.3g} ms, stands in for it. Align recording and simulation of "
+            "each part at its first motion."
         )
+    notes += [f"{this} {outside_of_it}" for outside_of_it in beyond(model, recording)]
+    for note in notes:
+        click.echo(note, err=True)
     series = correct(model, recording, earlier)
-    contract.write_series(series, out, contract.unit_of_series(model))
+    contract.write_series(series, out, contract.unit_of_series(model), notes)
     click.echo(str(out))
 
 

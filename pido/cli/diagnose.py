@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -26,7 +27,11 @@ def _two_columns(_context: click.Context, _parameter: click.Parameter, pair: str
     help="compare these two columns instead of curr_<axis> and curr_<axis>_sim",
 )
 @click.option("--machine", help="name of the machine's settings (ranges and dead bands)")
-@click.option("--settings", type=Input(dir_okay=False), help="TOML with own machines")
+@click.option(
+    "--settings",
+    type=Input(dir_okay=False),
+    help="TOML with own machines; that of the parts, as their part.json names it, unless --machine says",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="seed of the bootstrap")
 @click.option("--json", "as_json", is_flag=True, help="print diagnosis.json instead of the summary")
 def command(
@@ -48,10 +53,8 @@ def command(
     \b
     pido diagnose parts/p01 parts/p02 parts/p03 --out diagnosis
     pido diagnose parts/* --pair f_x:f_x_sim --out force-check
-    pido diagnose parts/* --machine our_mill --settings machines.toml --out diagnosis
+    pido diagnose parts/* --settings machines.toml --out diagnosis
     """
-    if settings and not machine:
-        raise click.UsageError("--settings says what machines are like; name the one of these parts with --machine")
     import json
 
     from pido.cli.progress import Progress
@@ -65,6 +68,10 @@ def command(
     own = machine_settings(machine, settings) if machine else None
     recordings = [read_recording(part) for part in parts]
     named = [r.part.machine for r, part in zip(recordings, parts, strict=True) if says_machine(part)]
+    if settings and own is None:
+        machine = _machine_of(named, settings)
+        own = machine_settings(machine, settings)
+        click.echo(f"machine '{machine}', as {settings} has it", err=True)
     with Progress("diagnosing") as progress:
         result = diagnose_into(
             out,
@@ -83,3 +90,24 @@ def command(
     for line in summary(result):
         click.echo(line)
     click.echo(f"report: {out / PAGE}", err=True)
+
+
+def _machine_of(named: Sequence[str], settings: Path) -> str:
+    """The machine of a settings file that the parts are of: the one that part.json names, or the only one there where
+    no part names any.
+
+    Raises click.UsageError where these leave it open.
+    """
+    from pido.config import machines_in
+
+    there, of_parts = machines_in(settings), sorted(set(named))
+    if len(of_parts) == 1 and of_parts[0] in there:
+        return of_parts[0]
+    if not of_parts and len(there) == 1:
+        return there[0]
+    says = "no part.json says which machine the parts are of"
+    if of_parts:
+        says = f"the parts are of {', '.join(map(repr, of_parts))}, as part.json says"
+    raise click.UsageError(
+        f"{settings} has {', '.join(map(repr, there)) or 'no machine'}, and {says}. Name the one to take with --machine"
+    )

@@ -43,11 +43,13 @@ from pido.diagnosis.locate import (
 from pido.diagnosis.mechanisms.advice import recording_that_names, recording_that_tells
 from pido.diagnosis.mechanisms.base import Told
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import meanings
+from pido.diagnosis.quantities import in_words as said_of
+from pido.diagnosis.quantities import meanings
 from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.switches import gate_words
 from pido.diagnosis.terms import Component, Term
 from pido.diagnosis.units import units
+from pido.diagnosis.unknowns import recording_of_unknown
 from pido.diagnosis.whiten import Noise
 
 _MOST_ALTERNATIVES = 4
@@ -107,18 +109,21 @@ def finding_of(
         factor=factor,
         by_part=parts,
         said=told.name,
-        to_record=told.to_record or to_record(term, every, coolant_recorded(mismatch.states)),
+        to_record=told.to_record or to_record(term, every, coolant_recorded(mismatch.states), mismatch.states),
     )
 
 
-def to_record(term: Term, every: float | None, coolant: bool = False) -> str:
-    """What would tell what a term is that is tied to times alone; '' for any other.
+def to_record(term: Term, every: float | None, coolant: bool = False, states: Sequence[AxisState] = ()) -> str:
+    """What would tell what a term is that is tied to times alone, or that has no name; '' for any other.
 
     every : s, after which it comes again; None where it has no rhythm; coolant : whether it is recorded when it is on
+    states : of the diagnosed parts, by which a law without a name is told what they leave open
     """
     if isinstance(term.mechanism, Rhythm):
         return recording_that_names(dict(term.shape)["T"], coolant)
-    return recording_that_names(every, coolant) if isinstance(term.mechanism, ExternalForce) else ""
+    if isinstance(term.mechanism, ExternalForce):
+        return recording_that_names(every, coolant)
+    return recording_of_unknown(term, states) if term.name == "unknown" and states else ""
 
 
 def factor_of(
@@ -157,7 +162,7 @@ def equation_text(term: Term, axis: str) -> str:
     text = re.sub(r"(?<![\w|])(v|a|pos)(?![\w_(])", rf"\1_{axis}", text)
     text = re.sub(r"\|(v|a)\|", rf"|\1_{axis}|", text)
     if term.name == "unknown":
-        text = "; ".join([text, *meanings(text, axis)])
+        text = "; ".join([text, *meanings(text)])
     if term.lag:
         text += f"; answered late by the drive, first order, {term.lag:.2g} s"
     if term.gates:
@@ -233,7 +238,8 @@ def words(term: Term, states: Sequence[AxisState], sizes: Mapping[str, float] | 
     rows = [inside(s, term.gates) > 0 for s in states]
     told = term.mechanism.told_in(states, rows, dict(term.shape), sizes or {})
     regions = " and ".join(gate_words(g, states) for g in term.gates).replace(" and only where ", " and ")
-    summary = f"{told.summary}, {regions}" if regions else told.summary
+    plain = said_of(told.summary, term.mechanism.reads)
+    summary = f"{plain}, {regions}" if regions else plain
     conditions = (*told.conditions, *(g.condition for g in term.gates))
     return told._replace(summary=in_words(summary), conditions=conditions)
 

@@ -15,7 +15,7 @@ import os
 import re
 import shutil
 import threading
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -34,6 +34,7 @@ from pido.diagnosis.pair import pair_of
 SCHEMA = "pido.diagnosis/1"
 ANSWER, DETAILS, MODEL = "diagnosis.json", "details.json", "model.json"
 _LONGEST_NAME = 215  # of the 255 bytes that a file system takes: the rest is for the ending, and while it is written
+NOTES = "pido.notes"
 MODEL_SCHEMA = "pido.diagnosis.model/1"
 
 
@@ -159,10 +160,11 @@ def unit_of_series(model: Mapping[str, object]) -> str:
     return "A" if pair is None else pair.unit
 
 
-def write_series(series: PartSeries, path: Path, unit: str = "A") -> None:
+def write_series(series: PartSeries, path: Path, unit: str = "A", notes: Sequence[str] = ()) -> None:
     """One part sample by sample: `time`, `mismatch_<axis>`, `mismatch_score_<axis>`, `curr_<axis>_corrected`.
 
     The unit of each column stands in its field's metadata, as in recordings that pido writes.
+    notes : what a reader of these columns has to know, kept in the file's metadata under `pido.notes` as a JSON list
     """
     columns: dict[tuple[str, str], Float1D] = {("time", "s"): series.time}
     for axis in series.corrected:
@@ -170,6 +172,8 @@ def write_series(series: PartSeries, path: Path, unit: str = "A") -> None:
         columns[f"mismatch_score_{axis}", "–"] = series.score[axis]
         columns[f"curr_{axis}_corrected", unit] = series.corrected[axis]
     schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": u}) for name, u in columns])
+    if notes:
+        schema = schema.with_metadata({NOTES: json.dumps([*notes], ensure_ascii=False)})
     with replacing(path) as temporary:
         pq.write_table(pa.Table.from_arrays([pa.array(v) for v in columns.values()], schema=schema), temporary)
 

@@ -25,7 +25,8 @@ from pido.core.memory import kept_memory
 from pido.core.recording import Recording
 from pido.diagnosis.answers import finding_of
 from pido.diagnosis.bands import dead_bands
-from pido.diagnosis.baseline import equation_names, equation_rows, supported_terms, uneven_inputs
+from pido.diagnosis.baseline import equation_inputs, equation_names, equation_rows, supported_terms, uneven_inputs
+from pido.diagnosis.beyond import ranges, ranges_of_columns
 from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, without_empty, without_wild
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
@@ -276,7 +277,10 @@ def _settle(
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])
     level = robust_sd(found.fit.residual[full.usable])
-    equation = Equation(full.base_names, alone.base, found.fit.base) if full.base_names else None
+    equation = None
+    if full.base_names:
+        seen = ranges_of_columns(parts, equation_inputs(full.base_names), full.usable)
+        equation = Equation(full.base_names, alone.base, found.fit.base, seen)
     model = AxisModel(
         full.axis,
         level,
@@ -291,6 +295,7 @@ def _settle(
             for t, a in zip(terms, found.fit.amplitudes, strict=True)
         ),
         known=known_of(full.states),
+        seen=tuple(ranges(t, full.states, full.usable) for t in terms),
     )
     findings = []
     for i, term in enumerate(terms):

@@ -131,7 +131,11 @@ class Peak(Unnamed):
         return (Parameter("c", self.unit, scale="linear"), Parameter("w", self.unit, low=0.0, scale="log"))
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        u = signals(state, [self.signal])[self.signal][0]
+        return self.over(signals(state, [self.signal]), shape)
+
+    def over(self, known: Known, shape: Mapping[str, float]) -> Float2D:
+        """(n, 1) – what k counts for, at values of the signal."""
+        u = known[self.signal][0]
         apart = ((self.place(u) - shape["c"]) / shape["w"]) ** 2
         size = 1 / (1 + apart) if self.wide else np.exp(-apart)
         return (size * self.side(u))[:, None]

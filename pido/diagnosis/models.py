@@ -64,11 +64,16 @@ BEYOND = 3.0  # times the largest effect that a term had on the diagnosed parts:
 
 @dataclass(frozen=True)
 class Equation:
-    """The equation that stands for the simulation: alone, and refitted together with the findings."""
+    """The equation that stands for the simulation: alone, and refitted together with the findings.
+
+    seen : range of each column that it follows from on the diagnosed parts, in the column's unit; of a model of before,
+        which does not keep it, empty
+    """
 
     names: tuple[str, ...]
     alone: Float1D
     joint: Float1D
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def of(self, recording: Recording, state: AxisState, coefficients: Float1D) -> Float1D:
         """(n,), A. Raises DiagnosisError where the part lacks a column that the equation follows from."""
@@ -89,6 +94,8 @@ class AxisModel:
     limits : per part, A – the recorded current never leaves them; a part that was not seen has the widest
     largest : per term, A – its largest effect on the diagnosed parts; where it is not known, nothing is bounded
     known : what every diagnosed part said of the axis (fields of AxisState that a part may leave out)
+    seen : per term, range of each signal that it follows from on the diagnosed parts, in the signal's unit; of a model
+        of before, which does not keep it, empty
     """
 
     axis: str
@@ -102,6 +109,7 @@ class AxisModel:
     notes: tuple[str, ...] = field(default=())
     largest: tuple[float, ...] = ()
     known: tuple[str, ...] = ()
+    seen: tuple[Mapping[str, tuple[float, float]], ...] = ()
 
     def simulated(self, recording: Recording, state: AxisState) -> Float1D:
         """(n,), A. Raises DiagnosisError where the recording has no simulated current and there is no equation."""
@@ -204,8 +212,16 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
         "limits": {p: [v if np.isfinite(v) else None for v in limits] for p, limits in m.limits.items()},
         "equation": None
         if m.equation is None
-        else {"names": list(m.equation.names), "alone": m.equation.alone.tolist(), "joint": m.equation.joint.tolist()},
-        "terms": [_term_json(t, a) for t, a in zip(m.terms, m.amplitudes, strict=True)],
+        else {
+            "names": list(m.equation.names),
+            "alone": m.equation.alone.tolist(),
+            "joint": m.equation.joint.tolist(),
+            "seen": _ends_json(m.equation.seen),
+        },
+        "terms": [
+            _term_json(t, a) | {"seen": _ends_json(seen)}
+            for t, a, seen in zip(m.terms, m.amplitudes, m.seen or ({},) * len(m.terms), strict=True)
+        ],
         "largest": list(m.largest),
         "known": list(m.known),
     }
@@ -221,7 +237,9 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         amplitudes=tuple(_amplitudes(term, t["amplitudes"]) for term, t in zip(terms, data["terms"], strict=True)),
         equation=None
         if equation is None
-        else Equation(tuple(equation["names"]), np.asarray(equation["alone"]), np.asarray(equation["joint"])),
+        else Equation(
+            tuple(equation["names"]), np.asarray(equation["alone"]), np.asarray(equation["joint"]), _ends(equation)
+        ),
         delay=(float(data["delay"][0]), float(data["delay"][1])),
         late={str(part): float(offset) for part, offset in data.get("late", {}).items()},
         limits={
@@ -230,7 +248,17 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         },
         largest=tuple(float(v) for v in data.get("largest", [])),
         known=tuple(str(name) for name in data.get("known", []) if name in _GIVEN_BY),
+        seen=tuple(map(_ends, data["terms"])),
     )
+
+
+def _ends(data: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Ranges by name; none of a model of before."""
+    return {str(name): (float(low), float(high)) for name, (low, high) in data.get("seen", {}).items()}
+
+
+def _ends_json(seen: Mapping[str, tuple[float, float]]) -> dict[str, list[float]]:
+    return {name: list(ends) for name, ends in seen.items()}
 
 
 def _amplitudes(term: Term, kept: Sequence[float]) -> Float1D:

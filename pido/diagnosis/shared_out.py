@@ -26,6 +26,7 @@ from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.finding import Evidence, Finding
 from pido.diagnosis.forms import HOLDS_COULOMB
 from pido.diagnosis.formulas import LEVEL
+from pido.diagnosis.mechanisms.advice import SEVERAL
 from pido.diagnosis.misfit import AT_STOPS
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, fit
@@ -108,6 +109,7 @@ def _sum_of(
         ),
         fit=held_out(full, noise, terms, rest, recorded),
         replaces=tuple(dict.fromkeys(name for f in some for name in f.replaces)),
+        to_record=SEVERAL,
     )
 
 

@@ -5,7 +5,6 @@ In:  the states of an axis. Out: name -> (values (n,), unit), of what a current 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
@@ -20,29 +19,6 @@ from pido.diagnosis.state import AxisState, seconds_of_each
 Known = Mapping[str, tuple[Float1D, str]]
 """Signals by name, (n,) each, with their units."""
 
-_MEANING = {  # of what is no column of the recording; {} is the axis
-    "held_{}": "direction of the last motion",
-    "speeding_{}": "1 while v_{} * a_{} > 0, else 0",
-    "braking_{}": "1 while v_{} * a_{} < 0, else 0",
-    "d_{}": "way since the last reversal",
-    "way_{}": "way since the part began",
-    "j_{}": "jerk, da_{}/dt",
-    "t_go_{}": "time since the axis began to move, at most 10 s, 0 at rest",
-    "stood_{}": "time since the axis stopped, at most 10 s, 0 in motion",
-    "rested_{}": "how long the axis stood before it moved, at most 60 s, 0 at rest",
-    "I_{}": "simulated current",
-    "way_all": "way of all linear axes together since the part began",
-    "I_all": "simulated currents of all axes together, without their signs",
-    "removed": "volume removed since the part began",
-    "feed": "speed along the path",
-    "feed_rev": "feed per revolution of the spindle, 0 while it stands",
-    "a_n": "acceleration across the path",
-    "t_block": "time in the NC block, at most 10 s",
-    "t_cut": "time in this cut, at most 10 s, 0 outside",
-    "uptime": "the machine's clock",
-    "t_part": "time since the part began",
-    **{f"from_{a}": f"pos_{a} less where it was as the part began" for a in LINEAR_AXES},
-}
 CLOCKS = ("uptime", "t_part")  # which tell when, not what
 # Over which neither a peak nor a bend is a law.
 NO_PLACE = ("held", "speeding", "braking", "coolant", *CLOCKS, "I_", "pos_sp")
@@ -117,16 +93,6 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
                 "give. Add the columns that the diagnosed parts had."
             )
     return out
-
-
-def meanings(text: str, axis: str) -> list[str]:
-    """What the signals in a formula mean that are no columns, in the order of this page.
-
-    >>> meanings("dI = k * a_x * speeding_x", "x")
-    ['speeding_x = 1 while v_x * a_x > 0, else 0']
-    """
-    named = {name.replace("{}", axis): said.replace("{}", axis) for name, said in _MEANING.items()}
-    return [f"{name} = {said}" for name, said in named.items() if re.search(rf"\b{name}\b", text)]
 
 
 def _jerk(state: AxisState) -> Float1D | None:

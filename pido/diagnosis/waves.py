@@ -80,9 +80,12 @@ class Wave(Unnamed):
         return tuple(Parameter(f"k_{side}{n}", per) for n in count for side in "sc")
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
-        known = signals(state, self.reads)
+        return self.over(signals(state, self.reads), shape["L"])
+
+    def over(self, known: Known, period: float) -> Float2D:
+        """(n, amplitudes) – what each counts for, at values of the quantities."""
         s = known[self.place][0]
-        angle = 2 * np.pi * s / shape["L"]
+        angle = 2 * np.pi * s / period
         rows = np.column_stack([f(n * angle) for n in range(1, self.harmonics + 1) for f in (np.sin, np.cos)])
         return rows * _there(self.place, s, _carried(known, self.signal, self.form))[:, None]
 

@@ -7,8 +7,8 @@ Out: a Page: the verdict in one sentence; recorded, simulated and corrected sign
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from bokeh.models import BoxAnnotation
@@ -32,22 +32,21 @@ from pido.diagnosis.finding import (
     PartSeries,
 )
 from pido.diagnosis.pair import pair_of
+from pido.diagnosis.quantities import columns_meant
 from pido.reports.page import COLOURS, Page, Section, Table, extremes, number, signal_figure
+from pido.reports.parameters import of, parameter_rows
 from pido.reports.places import curves, maps
+from pido.reports.shapes import shapes
 from pido.reports.words import beside_its_words, in_words, shortened
 
 AROUND_WORST_S = 12.0
 """Width of the stretch shown at the worst place, s: a few moves, so that single transients can be seen."""
+NEARLY_MOST = 0.7
+"""Of the power of a mismatch in the stretch that has most of it, that the one shown has."""
 SHIFTS_SHOWN = 40
 """Times a shift in time, that the stretch lasts in which it is shown."""
 FEWEST_SHOWN = 40
 """Samples of a stretch."""
-MOST_DIGITS = 9
-"""Of a parameter whose interval is narrow."""
-MOST_NUMBERED = 8
-"""Numbered parameters shown in a row each: the amplitudes of a few waves or stretches, not the knots of a curve."""
-FIXED = "set by the form, not estimated"
-"""In place of the interval of a number that has none."""
 NEARLY_ALL = 0.7
 """Of the NC blocks of the parts: a finding that is in more of them is told to be everywhere."""
 ANYTHING = "tool, material, clamping, lubrication, warmth"
@@ -62,7 +61,9 @@ MOST_PARTS = 20
 MOST_TIMES = 24
 """Stretches of time of an outside force that are told; all stand in diagnosis.json."""
 MOST_FAULTS = 40
-"""Faulty stretches of a signal shown in a row each."""
+"""Faulty stretches of a signal that are marked in its picture."""
+MOST_FAULTY_ROWS = 12
+"""Faulty stretches shown in a row each: what is seen at once, before the pictures."""
 
 
 def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Page:
@@ -76,11 +77,12 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
     blocks = _count_of_blocks(by_part.values())
     for finding in diagnosis.findings:
         if not finding.modelled:
-            figures = _faulty(finding, by_part)
+            figures, own = _faulty(finding, by_part), []
         else:
-            figures = _figures(finding, diagnosis, by_part, first=finding.axis not in drawn)
+            figures, own = _figures(finding, diagnosis, by_part, first=finding.axis not in drawn)
             drawn.add(finding.axis)
-        sections.append(_finding(finding, diagnosis.beside_others(finding), figures, blocks))
+        section = _finding(finding, diagnosis, blocks, pictured=bool(own))
+        sections.append(replace(section, figures=[*figures[:2], *own, *figures[2:]]))
     if not diagnosis.findings:
         sections.append(Section("Recorded and simulated where they differ most", figures=_clean(diagnosis, by_part)))
     next_recordings = _what_to_record(diagnosis)
@@ -96,7 +98,11 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
         sections.append(
             Section("Tried and rejected", table=Table(("axis", "what", "identifier", "why"), rows), folded=True)
         )
-    return Page(f"Diagnosis of {', '.join(machines)}: {len(by_part)} part(s)", verdict(diagnosis), sections)
+    return Page(
+        f"Diagnosis of {', '.join(machines)}: {len(by_part)} part{'s' * (len(by_part) != 1)}",
+        verdict(diagnosis),
+        sections,
+    )
 
 
 def verdict(diagnosis: Diagnosis) -> str:
@@ -156,7 +162,9 @@ def _overview(diagnosis: Diagnosis) -> Section:
             f.kind.replace("_", " "),
             f.where.summary,
             _rmse(f.fit) if f.modelled else "–",
-            _chance(f.evidence.q_value).removeprefix("= ") if f.modelled else "–",
+            _chance(f.evidence.q_value).removeprefix("= ").replace("-", "\N{NON-BREAKING HYPHEN}")
+            if f.modelled
+            else "–",
         )
         for f in diagnosis.findings
     ]
@@ -166,9 +174,13 @@ def _overview(diagnosis: Diagnosis) -> Section:
     return Section("Findings, the strongest first", table=Table(head, rows))
 
 
-def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int) -> Section:
-    """blocks : how many NC blocks the parts have"""
-    lines = [f"{_called(f)}: {f.equation}", f"Where: {f.where.summary}"]
+def _finding(f: Finding, diagnosis: Diagnosis, blocks: int, pictured: bool) -> Section:
+    """blocks : how many NC blocks the parts have; pictured : whether its law is drawn"""
+    lines, beside_others = [f"{_called(f)}: {f.equation}"], diagnosis.beside_others(f)
+    if f.equation.startswith("dI_"):
+        missing = f"dI_{f.axis}: what the simulation lacks,{_unit(diagnosis)}".rstrip(",")
+        lines.append(f"In this formula: {'; '.join([missing, *columns_meant(f.equation)])}.")
+    lines.append(f"Where: {f.where.summary}")
     if f.of_its_parts_only:
         lines.append(f"When and how large, in s since each part began: {_times(f.where.intervals, f.parameters)}.")
         lines.append(
@@ -200,8 +212,13 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int
         )
     else:
         lines.append("A contradiction within the recording itself: no fit is needed to see it, and none was made.")
-        if len(f.where.faults) > MOST_FAULTS:
-            lines.append(f"The first {MOST_FAULTS} of {len(f.where.faults)} places; all stand in details.json.")
+        if meant := columns_meant(f.equation):
+            lines.append(f"What these columns are: {'; '.join(meant)}.")
+        if len(f.where.faults) > MOST_FAULTY_ROWS:
+            lines.append(
+                f"The first {MOST_FAULTY_ROWS} of {len(f.where.faults)} stretches, each column for itself; all stand "
+                "in details.json."
+            )
     if f.replaces:
         lines.append(f"It takes the place of: {', '.join(f.replaces)}. Do not add the same physics twice.")
     for close, says in (
@@ -215,7 +232,7 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int
         ]
         if names:
             lines.append(f"{says}: {', '.join(names)}.")
-    rows = _parameters(f.parameters)
+    rows = parameter_rows(f.parameters, pictured)
     table = Table(("parameter", "value", "95 % interval"), rows) if rows else None
     if rows and f.fit.unseen:
         lines.append(
@@ -224,8 +241,8 @@ def _finding(f: Finding, beside_others: bool, figures: list[figure], blocks: int
         )
     if f.where.faults:
         places = [(s.part, s.column, f"{s.t_start:.2f}", f"{s.t_end:.2f}", s.reason) for s in f.where.faults]
-        table = Table(("part", "column", "from, s", "to, s", "what is wrong"), places[:MOST_FAULTS])
-    return Section(f"Axis {f.axis}: {f.mechanism}", lines, table, figures)
+        table = Table(("part", "column", "from, s", "to, s", "what is wrong"), places[:MOST_FAULTY_ROWS])
+    return Section(f"Axis {f.axis}: {f.mechanism}", lines, table)
 
 
 def _blocks(lines: Sequence[int], of: int) -> str:
@@ -256,10 +273,9 @@ def _part_by_part(found: ByPart, mechanism: str) -> str:
 
 def _times(intervals: Sequence[Interval], forces: Mapping[str, Estimate]) -> str:
     """Stretches part by part, the first of them where they are many, each with its force."""
-    shown, told = intervals[:MOST_TIMES], list(forces.items())
-    sizes = (
-        [f" ({n} = {number(e.value)} {e.unit})" for n, e in told] if len(told) == len(intervals) else [""] * len(shown)
-    )
+    shown, sizes = intervals[:MOST_TIMES], [""] * MOST_TIMES
+    if len(forces) == len(intervals):
+        sizes = [f" ({n} = {number(e.value)}{of(e.unit)})" for n, e in forces.items()]
     each = [(i.part, f"{i.t_start:.1f} to {i.t_end:.1f}{size}") for i, size in zip(shown, sizes, strict=False)]
     parts = dict.fromkeys(part for part, _ in each)
     text = "; ".join(f"{shortened(p)} " + ", ".join(said for part, said in each if part == p) for p in parts)
@@ -267,51 +283,18 @@ def _times(intervals: Sequence[Interval], forces: Mapping[str, Estimate]) -> str
     return f"{text}; {left} more in diagnosis.json" if left else text
 
 
-def _parameters(parameters: Mapping[str, Estimate]) -> list[tuple[str, str, str]]:
-    """A row per parameter: name, value, interval; one for all of a name that are numbered where these are many, as the
-    knots of a curve are."""
-    alike = Counter(_numbered(name, e) for name, e in parameters.items())
-    many = [name for name, e in parameters.items() if alike[_numbered(name, e)] > MOST_NUMBERED]
-    rows = [_row(name, e) for name, e in parameters.items() if name not in many]
-    if many:
-        values, unit = [parameters[name].value for name in many], parameters[many[0]].unit
-        low, high = (number(end, 4) for end in (min(values), max(values)))
-        rows.insert(
-            0, (f"{many[0]} … {many[-1]}", f"{len(many)} values, {low} to {high} {unit}", "each in diagnosis.json")
-        )
-    return rows
-
-
-def _row(name: str, estimate: Estimate) -> tuple[str, str, str]:
-    """A scale, which formulas have as what it lacks of one, is told as itself.
-
-    >>> _row("g - 1", Estimate(0.06987, "–", (0.06748, 0.07226)))
-    ('g', '× 1.070', '1.067 … 1.072')
-    >>> _row("T", Estimate(39.99997, "s", (39.9998, 40.00013)))
-    ('T', '40 s', '39.9998 … 40.0001 s')
-    """
-    if name.endswith(" - 1") and estimate.unit == "–":
-        value, low, high = (f"{1 + v:.4g}".ljust(5, "0") for v in (estimate.value, *estimate.ci95))
-        return name.removesuffix(" - 1"), f"× {value}", f"{low} … {high}"
-    low, high = estimate.ci95
-    digits = next((n for n in range(4, MOST_DIGITS) if number(low, n) != number(high, n)), 4)
-    interval = f"{number(low, digits)} … {number(high, digits)} {estimate.unit}"
-    return name, f"{number(estimate.value, digits)} {estimate.unit}", FIXED if estimate.fixed else interval
-
-
-def _numbered(name: str, estimate: Estimate) -> tuple[str, str]:
-    """What parameters that only a number tells apart have in common; of any other one its own name."""
-    stem, _, number_of_it = name.rpartition("_")
-    return (stem if number_of_it.isdigit() else name), estimate.unit
-
-
 def _chance(p: float) -> str:
     """A probability; those too small to mean anything as a number are bounds.
 
-    >>> _chance(0.0123), _chance(1e-30)
-    ('= 0.012', 'below 1e-12')
+    >>> _chance(0.0123), _chance(1e-30), _chance(2e-9)
+    ('= 0.012', 'below 1e-12', '= 2e-9')
     """
-    return "below 1e-12" if p < 1e-12 else f"= {number(p, 2)}"
+    return "below 1e-12" if p < 1e-12 else f"= {number(p, 2)}".replace("e-0", "e-")
+
+
+def _in_one_line(text: str) -> str:
+    """A number that is not broken at its sign."""
+    return text.replace("-", "\N{NON-BREAKING HYPHEN}")
 
 
 def _unit(diagnosis: Diagnosis) -> str:
@@ -336,17 +319,23 @@ def _to_accept(diagnosis: Diagnosis) -> list[str]:
         return []
     call = "pido accept-physics FOLDER --finding {name} --by NAME --reason TEXT"
     found = offers([(f.axis, f.mechanism, f.kind) for f in diagnosis.findings], diagnosis.model)
-    return [f"Not {name}: it {why}" if why else call.format(name=name) for name, why in found]
+    why_not = {why: ", ".join(n for n, other in found if other == why) for _, why in found if why}
+    return [call.format(name=n) for n, why in found if not why] + [f"Not {n}: it {w}" for w, n in why_not.items()]
 
 
-def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording], *, first: bool) -> list[figure]:
+def _figures(
+    finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recording], *, first: bool
+) -> tuple[list[figure], list[figure]]:
+    """Those of its axis, where it is the first one there, and those of its own law."""
     axis = finding.axis
     shown = {p: s for p, s in diagnosis.parts.items() if axis in s.corrected and p in by_part}
     if not shown:
-        return []
-    own = curves(finding, diagnosis.model, shown, by_part, _unit(diagnosis))
+        return [], []
+    unit = _unit(diagnosis)
+    own = curves(finding, diagnosis.model, shown, by_part, unit)
+    own += shapes(finding, diagnosis.model, shown, by_part, unit)
     if not first:
-        return own
+        return [], own
     part = max(shown, key=lambda p: float(np.nanmax(np.abs(shown[p].mismatch[axis]), initial=0.0)))
     recording, series = by_part[part], shown[part]
     recorded = recording.columns.get(CURRENT[axis])
@@ -354,9 +343,8 @@ def _figures(finding: Finding, diagnosis: Diagnosis, by_part: dict[str, Recordin
     return [
         _worst_place(part, axis, label, recorded, series, _seconds_shown(finding, part)),
         _over_time(part, axis, label, recorded, series),
-        *own,
-        *maps([f for f in diagnosis.findings if f.axis == axis], shown, by_part, _unit(diagnosis).strip()),
-    ]
+        *maps([f for f in diagnosis.findings if f.axis == axis], shown, by_part, unit.strip()),
+    ], own
 
 
 def _faulty(finding: Finding, by_part: dict[str, Recording]) -> list[figure]:
@@ -371,7 +359,7 @@ def _faulty(finding: Finding, by_part: dict[str, Recording]) -> list[figure]:
         window = np.abs(recording.time - start) <= AROUND_WORST_S / 2
         plot = signal_figure(
             f"Axis {finding.axis}, part {shortened(part)}:\n{column}, where it is wrong first", "time, s",
-            f"{column}, {UNITS[column]}",
+            f"{column},{of(UNITS[column])}".rstrip(","),
         )  # fmt: skip
         x, y = extremes(recording.time[window], np.asarray(recording[column], float)[window])
         plot.line(x, y, color=COLOURS["recorded"], line_width=1.6)
@@ -428,8 +416,7 @@ def _worst_place(
         power = np.nan_to_num(recorded - simulated) ** 2
     step = max(float(np.median(np.diff(time))), 1e-6)
     width = max(1, min(len(time), max(FEWEST_SHOWN, int(seconds / step))))
-    total = np.cumsum(np.concatenate([[0.0], power]))
-    start = int(np.argmax(total[width:] - total[:-width]))
+    start = _shows_most(power, np.nan_to_num(simulated), width)
     window = slice(start, start + width)
     plot = signal_figure(f"Axis {axis}, part {shortened(part)}:\nwhere it differs most", "time, s", label)
     lines = [("simulated", simulated, "dashed"), ("corrected", series.corrected[axis], "solid")]
@@ -442,6 +429,15 @@ def _worst_place(
         plot.line(x, y, color=COLOURS[name], legend_label=name, line_dash=dash, line_width=1.6)
     plot.legend.click_policy = "hide"
     return plot
+
+
+def _shows_most(power: Float1D, simulated: Float1D, width: int) -> int:
+    """Where the stretch of `width` rows begins in which a mismatch is seen best: of those with nearly the most of its
+    `power`, the one in which the current itself changes least, beside which it would be lost."""
+    total, first, second = (np.cumsum(np.r_[0.0, v]) for v in (power, simulated, simulated**2))
+    within, mean, square = ((v[width:] - v[:-width]) / width for v in (total, first, second))
+    change = np.where(within >= NEARLY_MOST * within.max(), square - mean**2, np.inf)
+    return int(np.argmin(change))
 
 
 def _over_time(part: str, axis: str, label: str, recorded: Float1D | None, series: PartSeries) -> figure:

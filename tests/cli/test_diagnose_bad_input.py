@@ -304,18 +304,64 @@ def test_a_tool_that_is_not_named_at_first_is_no_hindrance(made, diagnose, call,
     assert call("correct", tmp_path / "out", parts[0], "--out", tmp_path / "corrected.parquet")[0] == 0
 
 
-def test_a_machine_of_ones_own_is_taken_from_its_file(made, diagnose, tmp_path):
-    own = tmp_path / "machines.toml"
+def settings_of(path, *names):
+    """A settings file with these machines."""
     axes = "\n".join(
-        f"[portal.{a}]\nv_max = 500.0\na_max = 5000.0\nj_max = 50000.0\ntravel_mm = [-500.0, 500.0]" for a in "xyz"
+        f"[NAME.{a}]\nv_max = 500.0\na_max = 5000.0\nj_max = 50000.0\ntravel_mm = [-500.0, 500.0]" for a in "xyz"
     )
-    own.write_text(
-        f'[portal]\nvertical_axis = "z"\nforce_max_n = 4000.0\n{axes}\n[portal.spindle]\nmax_rpm = 24000.0\n'
-    )
+    each = f'[NAME]\nvertical_axis = "z"\nforce_max_n = 4000.0\n{axes}\n[NAME.spindle]\nmax_rpm = 24000.0\n'
+    path.write_text("".join(each.replace("NAME", name) for name in names))
+    return path
+
+
+def test_a_machine_of_ones_own_is_taken_from_its_file(made, diagnose, tmp_path):
+    own = settings_of(tmp_path / "machines.toml", "portal", "gantry")
     parts = made(machine=lambda k: "portal")
+    for more in ((), ("--machine", "portal")):
+        code, found, _, said = diagnose(*parts, *more, "--settings", own)
+        assert code == 0
+        assert ("x", "viscous_friction") in found
+        assert ("machine 'portal', as" in said) == (not more)
+
+
+def test_the_parts_machine_has_its_dead_band_from_the_settings_that_know_it(made, diagnose, tmp_path):
+    own = settings_of(tmp_path / "machines.toml", "gantry", "portal")
+    own.write_text(own.read_text().replace("[portal.x]", "[portal.x]\ndead_band = 40.0"))  # faster than the parts go
+    code, found, _, _ = diagnose(*made(machine=lambda k: "portal"), "--settings", own)
+    assert code == 0
+    assert ("x", "viscous_friction") not in found
+
+
+@pytest.mark.parametrize(
+    ("there", "machine", "says"),
+    [
+        (("portal", "gantry"), lambda k: "other", "the parts are of 'other'"),
+        (("portal",), lambda k: "other", "'portal'"),
+        ((), lambda k: "other", "no machine"),
+        (("portal", "gantry"), lambda k: ("portal", "gantry", "portal")[k - 1], "'gantry', 'portal'"),
+    ],
+)
+def test_settings_that_leave_the_machine_open_are_refused_with_the_names_that_are_there(
+    made, diagnose, tmp_path, there, machine, says
+):
+    own = settings_of(tmp_path / "machines.toml", *there)
+    code, _, _, said = diagnose(*made(machine=machine), "--settings", own)
+    assert code == 2
+    assert says in said
+    assert "--machine" in said
+    assert all(name in said for name in there)
+
+
+def test_the_only_machine_of_the_settings_is_that_of_parts_that_name_none(made, diagnose, tmp_path):
+    own = settings_of(tmp_path / "machines.toml", "portal", "gantry")
+    parts = [folder / "recording.parquet" for folder in made()]
+    for part in parts:
+        (part.parent / "part.json").unlink()
+    parts = [part.rename(tmp_path / f"{part.parent.name}.parquet") for part in parts]
     code, _, _, said = diagnose(*parts, "--settings", own)
     assert code == 2
-    assert "--machine" in said
-    code, found, _, _ = diagnose(*parts, "--machine", "portal", "--settings", own)
+    assert "no part.json says" in said
+    code, found, _, said = diagnose(*parts, "--settings", settings_of(own, "portal"))
     assert code == 0
     assert ("x", "viscous_friction") in found
+    assert "machine 'portal'" in said

@@ -1,16 +1,25 @@
 """What an operator reads of a finding, of effects whose truth is known: which way it goes, and when it is there."""
 
+import re
+
 import numpy as np
 import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
-from pido.diagnosis.answers import words
+from pido.diagnosis.answers import equation_text, words
 from pido.diagnosis.arms import Arm, Eased
+from pido.diagnosis.bends import Bend
+from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.gates import PATH_SPEED, Gate
+from pido.diagnosis.latched import Latched
+from pido.diagnosis.late import Fading, Lagged, Modulated
+from pido.diagnosis.late_arms import LaggedArm
 from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.signals import signals
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
+from pido.diagnosis.waves import Wave
 
 BY_ID = {m.id: m for m in CATALOGUE}
 SLOWEST, FASTEST = 9000.0, 30000.0  # deg/s, of a spindle that also stands
@@ -159,3 +168,35 @@ def test_a_saturation_is_told_of_high_torque_only_where_the_current_is_high(form
     assert ("high torque" in summary) == high
     assert ("at currents of at most 0.19" in summary) == (not high)  # 95 % of the rows there
     assert ("low beside the axis' 1 A" in summary) == (not high)
+
+
+NAMELESS = [
+    (Surface(("v_x", "v_y"), ((-20.0, 30.0), (0.0, 4.0)), (False, False)), {}, "the x axis from -20 to 30 mm/s"),
+    (Formula((("a_x", "u"), ("pos_y", "u²")), "mm/s²"), {}, "acceleration of the x axis and the position of"),
+    (Peak("v_sp", "deg/s", True), {"c": 18000.0, "w": 900.0}, "either way, is about 18000 deg/s (3000 rpm)"),
+    (Bend("pos_x", (10.0, 250.0)), {}, "the position of the x axis from 10 to 250 mm"),
+    (Bend("pos_y", (10.0, 250.0), "v_x"), {}, "turning with the direction of motion of the x axis"),
+    (Arm("pos_y", "v_x", "mm/s", form="sgn u"), {}, "how far the y axis is from some place"),
+    (Lagged("I_x", "u", "A"), {"tau": 0.5}, "the simulated current of the x axis 0.5 s late"),
+    (Fading("feed", "u", "mm/s"), {"tau": 0.5}, "changes of the speed along the path"),
+    (LaggedArm("v_x", "u", "mm/s", "pos_y", "mm"), {"tau": 0.5}, "how far the y axis is from some place"),
+    (Modulated("v_x", "sgn u", "v_sp", "u", "deg/s"), {"tau": 30.0}, "changing with what the speed of the spindle was"),
+    (Latched("v_y", "mm/s", True), {"c": 3.0, "T": 2.0}, "the speed of the y axis, either way, is above 3 mm/s"),
+    (Wave("pos_x", "mm", "I_x", "A", form="|u|"), {"L": 20.0}, "every 20 mm of the position of the x axis"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("law", "shape", "said"), NAMELESS, ids=lambda v: type(v).__name__)
+def test_a_law_without_a_name_is_told_in_words_with_units(law, shape, said):
+    term, here = Term(law, tuple(shape.items())), states()
+    told = words(term, here)
+    assert said in told.summary
+    for name in signals(here[0]):
+        if name != "coolant":  # which is its own word
+            assert not re.search(rf"(?<![a-z ]){re.escape(name)}\b|\b[avf]_|pos_|I_", told.summary), told.summary
+    assert told.conditions == law.conditions("x", shape)[1]  # as the contract writes them
+
+
+def test_a_formula_explains_the_loads_in_it_which_are_no_columns_and_names_their_units():
+    text = equation_text(Term(Formula((("v_x", "u"), ("MRR", "u")), "(mm/s)·(mm³/s)")), "x")
+    assert text == "dI_x = k * v_x * MRR; MRR = material removal rate, column mrr_sim, mm³/s"

@@ -193,6 +193,8 @@ def test_a_fault_of_the_inputs_claims_no_fit():
     assert section.table.rows[0] == ("p01", "v_x", "12.00", "12.02", "spike")
     assert len(section.table.rows) < len(wrong)
     assert "details.json" in " ".join(section.text)
+    assert "speed of the x axis, mm/s" in " ".join(section.text)
+    assert len(section.table.rows) < 20  # the picture is not far below
     (plot,) = section.figures  # the faulty signal where it is first wrong; the current stands with what is found in it
     (line,) = plot.renderers
     at = line.data_source.data["x"]
@@ -391,3 +393,19 @@ def test_an_axis_that_was_left_out_is_in_the_summary_with_the_reason():
         "z   not judged: 'curr_z' is constant (0.3) throughout p01: nothing was measured there.",
         "sp   not judged: no current was recorded.",
     ]
+
+
+def test_a_mismatch_is_shown_where_the_current_itself_does_not_hide_it():
+    """It is as large in two places; in one the axis accelerates, with thirty times its current."""
+    diagnosis, recording = _diagnosis()
+    t = recording.time
+    first, second = 0.2 * t[-1], 0.7 * t[-1]
+    missing = 0.3 * ((np.abs(t - first) < 2) | (np.abs(t - second) < 2))
+    simulated = 9.0 * (np.abs(t - first) < 1)
+    series = PartSeries(t, {"x": missing}, {"x": missing}, {"x": simulated + missing})
+    own = replace(diagnosis, parts={recording.part.part: series})
+    made = recording.with_columns(curr_x=simulated + missing)
+    section = next(s for s in diagnosis_page(own, [made]).sections if s.title.startswith("Axis x"))
+    shown = np.asarray(section.figures[0].renderers[0].data_source.data["x"])
+    assert shown.min() < second < shown.max()
+    assert not shown.min() < first < shown.max()

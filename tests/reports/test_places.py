@@ -1,5 +1,7 @@
 """Pictures of where a finding acts, of findings whose truth is known: shown where they show something."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,12 +37,12 @@ def finding(mechanism, equation="dI_x = ...", conditions=(), parameters=None):
     )  # fmt: skip
 
 
-def section(own, model=None):
-    made = recording()
-    zero = np.zeros(len(made))
-    series = PartSeries(made.time, {"x": zero + 0.1}, {"x": zero}, {"x": zero})
+def section(own, model=None, changed=None):
+    made = recording().with_columns(**(changed or {}))
+    zero, axis = np.zeros(len(made)), own.axis
+    series = PartSeries(made.time, {axis: zero + 0.1}, {axis: zero}, {axis: zero})
     page = diagnosis_page(Diagnosis((own,), (), {"p01": series}, model or {}), [made])
-    return next(s for s in page.sections if s.title.startswith("Axis x"))
+    return next(s for s in page.sections if s.title.startswith(f"Axis {axis}"))
 
 
 def titles(own):
@@ -84,6 +86,30 @@ def test_what_a_place_or_a_speed_makes_has_the_map_of_it_alone():
     for own in (confined, finding("miscalibrated:viscous_friction"), finding("unknown", "dI_x = k * v_x * v_y")):
         assert SPEEDS in titles(own)
         assert TABLE not in titles(own)
+
+
+def test_a_map_shows_axes_that_move_and_no_others():
+    """x and y move in the recording, z does not; then z and x."""
+    assert SPEEDS not in titles(replace(finding("viscous_friction"), axis="z"))
+    assert TABLE not in titles(replace(finding("position_dependent_friction"), axis="z"))
+    made = recording()
+    up = {"pos_z": made["pos_y"], "v_z": made["v_y"], "a_z": made["a_y"]}
+    up |= {"pos_y": 0 * made.time + 20.0, "v_y": 0.01 * np.sin(made.time)}
+    plots = section(replace(finding("viscous_friction"), axis="z"), changed=up).figures
+    (plot,) = [p for p in plots if SPEEDS in p.title.text.text]
+    assert plot.xaxis.axis_label.text == "v_x, mm/s"
+    assert plot.yaxis.axis_label.text == "v_z, mm/s"
+
+
+def test_a_few_rapids_do_not_press_a_map_of_the_speeds_together():
+    made = recording()
+    fast = np.arange(len(made)) % 200 == 0
+    figures = section(finding("viscous_friction"), changed={"v_x": np.where(fast, 5000.0, made["v_x"])}).figures
+    (plot,) = [p for p in figures if SPEEDS in p.title.text.text]
+    at = plot.renderers[0].data_source.data
+    assert np.max(at["x"]) <= np.max(made["v_x"])
+    assert np.all(np.diff(at["size"]) >= 0)
+    assert plot.title.text.text.endswith("on axis x, A; the fastest few are left out")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
-"""Which recording tells two mechanisms apart that the data at hand cannot: pairs of identifiers and a sentence; and
-which one tells what a force is that nothing recorded drives.
+"""Which recording tells two mechanisms apart that the data at hand cannot: pairs of identifiers and a sentence; which
+one tells what a force is that nothing recorded drives; and what a law without a name is really a law of.
 """
 
 from __future__ import annotations
@@ -11,6 +11,63 @@ _TO_AND_FRO = "to and fro moves of 0.05, 0.2 and 1 mm at 1 mm/s, ten of each, wi
 _AIR = "the same program as an air cut, 50 mm above the workpiece"
 _RAMPS = "moves of 50 mm at one feed with the acceleration limited to 100, 50 and 25 %, five of each"
 _DAY = "the same air cut of 60 s at start-up, after an hour of running and after an hour's pause"
+
+_MOVES = "moves of the {a} axis alone in the air at five speeds from {slow} to {fast} mm/s, both directions, 10 s each"
+_TRAVEL = (
+    "one slow move of the {a} axis over its whole travel at 5 mm/s, both ways, twice, in the air: a friction turns "
+    "with the direction, a load does not"
+)
+_LOADS = "the same path with material, at two depths of cut, and without it"
+_SHOWS: tuple[tuple[str, str], ...] = (  # beginnings of signals' names, and what changes that signal and little else
+    ("v_sp", "the idling spindle at five speeds from {slow_rpm} to {fast_rpm} rpm, 10 s each, with all axes at rest"),
+    ("a_sp", "run-ups of the spindle at two accelerations"),
+    (
+        "pos_sp",
+        "the idling spindle at two speeds, 10 s each: what belongs to its angle comes as often in each turn",
+    ),
+    ("v_", _MOVES),
+    ("feed_rev", "slots at three feeds per revolution with one spindle speed, and at one of them with three speeds"),
+    ("feed", "straight moves along x, along y and between the two at three feeds in the air, both directions, 60 s"),
+    ("a_n", "circles of 10 and 40 mm radius in the air, each at three feeds, both ways round"),
+    (
+        "a_",
+        "moves of 50 mm of the {a} axis at one feed with the acceleration limited to 100, 50 and 25 %, five of each",
+    ),
+    ("j_", "moves of 50 mm of the {a} axis at one feed, the jerk limited to 100, 50 and 25 %, five of each"),
+    ("speeding_", "moves of 50 mm of the {a} axis, speeding up hard and slowing down gently, and the other way round"),
+    ("braking_", "moves of 50 mm of the {a} axis, speeding up hard and slowing down gently, and the other way round"),
+    ("pos_", _TRAVEL),
+    (
+        "from_",
+        "a short program begun at four places of the {a} axis: what belongs to the place does not move along",
+    ),
+    ("held_", "moves of 20 mm of the {a} axis in both directions, each followed by a stop of 3 s, ten times"),
+    ("d_", "to and fro moves of 0.05, 0.2, 1 and 5 mm of the {a} axis at 1 mm/s, ten of each"),
+    (
+        "way_",
+        "the same moves for ten minutes, long rapids and then short ones, and beside it the lubrication pump",
+    ),
+    ("t_go_", "moves of 5, 20 and 80 mm of the {a} axis, ten of each, with stops of 3 s"),
+    ("stood_", "moves of 20 mm of the {a} axis with stops of 1, 3 and 10 s, ten of each"),
+    ("rested_", "moves of 20 mm of the {a} axis with stops of 1, 3, 10 and 30 s, five of each"),
+    ("t_block", "the same path as one NC block and divided into ten"),
+    ("t_cut", "slots of 10, 40 and 160 mm with one depth of cut"),
+    ("t_part", _DAY),
+    ("uptime", _DAY),
+    ("removed", "the same slot at the beginning and at the end of a part, once with a new tool at the end"),
+    ("coolant", "an air cut with coolant on and off every 10 s, 60 s"),
+    ("I_", "hard accelerations at 100, 50 and 25 %, five of each, and the same slot at two depths of cut"),
+    ("f_", _LOADS),
+    ("M_sp", _LOADS),
+    ("MRR", _LOADS),
+    ("AR", _LOADS),
+)
+SEVERAL = (
+    "each motion by itself: moves of one axis at a time at three feeds in the air, both directions, then the same path "
+    "with and without material: of the laws that share out what is missing now, each then stands in a recording where "
+    "the others do not act"
+)
+"""Where several laws at once stand for what is missing."""
 
 _UNITS = ("lubrication pump", "hydraulic unit", "chip conveyor")
 """That switch by themselves, and are in no recording."""
@@ -161,6 +218,33 @@ def recording_that_names(every: float | None, coolant: bool = False) -> str:
         f"{every:.3g} s ({units}): the one that switches with the force is its cause, and its signal is what foretells "
         "the force on other parts"
     )
+
+
+def recording_that_shows(signal: str, least: float, most: float) -> str:
+    """The recording in which one signal changes and little else; '' for one of which nothing is known.
+
+    least, most : of its size in the data at hand, in its unit: slow and fast are said by them
+
+    >>> recording_that_shows("v_y", 0.5, 40.0)
+    'moves of the y axis alone in the air at five speeds from 0.5 to 40 mm/s, both directions, 10 s each'
+    >>> recording_that_shows("MRR", 0.0, 300.0)
+    'the same path with material, at two depths of cut, and without it'
+    """
+    text = next((text for stem, text in _SHOWS if signal.startswith(stem)), "")
+    slow = max(least, most / 100)
+    return text.format(
+        a=signal.rpartition("_")[2], slow=in_digits(slow), fast=in_digits(most), slow_rpm=in_digits(slow / 6),
+        fast_rpm=in_digits(most / 6),
+    )  # fmt: skip
+
+
+def in_digits(value: float) -> str:
+    """A number to set a machine to: two digits of it, and no power of ten.
+
+    >>> in_digits(0.5621), in_digits(3033.0)
+    ('0.56', '3000')
+    """
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def recordings_against(own: str) -> dict[str, str]:
