@@ -9,6 +9,7 @@ blocks (White 1982).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,6 +185,14 @@ class Likelihood:
         self.strips = {a: [Strip(m, noises[a], k, moved, fine) for k in range(self.parts)] for a, m in axes.items()}
         self.counted = {a: sum(s.counted for s in strips) for a, strips in self.strips.items()}
         self.before = {a: sum(s.error(Late()) for s in strips) for a, strips in self.strips.items()}
+
+    def of_part(self, part: int) -> Likelihood:
+        """That of one part alone."""
+        out = copy(self)
+        out.parts, out.strips = 1, {a: [strips[part]] for a, strips in self.strips.items()}
+        out.counted = {a: strips[0].counted for a, strips in out.strips.items()}
+        out.before = {a: strips[0].error(Late()) for a, strips in out.strips.items()}
+        return out
 
     @property
     def zero(self) -> Clock:

@@ -13,18 +13,20 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy import stats
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D
 from pido.diagnosis.clocks import Clock, Form, Likelihood
-from pido.diagnosis.confirm import SIGNIFICANT, p_of_mean
+from pido.diagnosis.confirm import SIGNIFICANT
 from pido.diagnosis.lateness import Late
 
 _MOST_STEPS = 4  # in all parts
 _NEAREST_S = 1.0  # to another step or to an end of the part: what is nearer is another shift of all that is left
-_LEAST_STEPS = 0.5  # of the recording, that are lost or repeated
+_LEAST_STEPS = 0.5  # of the recording, that are lost or repeated: less is what dynamics look like
 _WORTH_TRYING = 24.0  # of the likelihood, 2 log, that a step gains before its size is refined
-_EVEN_S = 1.0  # over which gains are summed: a step gains at every change of current that comes after it
+_EVEN_S = 0.5  # over which gains are summed: a step gains at every change of current that comes after it
 _LIKELY = 7.35  # of the likelihood, 2 log, by which a moment in the interval may be worse: (1 - exp(-x / 2))² = 0.95
+_SAME = 0.1  # of the largest change, that refining all numbers may make where the step makes none
 _ROUNDS = 2  # of size and moment in turn
 
 Span = tuple[float, float]
@@ -51,9 +53,22 @@ def with_steps(likelihood: Likelihood, clock: Clock, tries: Sequence[Sequence[La
         if start is None:
             return clock
         new = settled(likelihood, likelihood.refined(_with(clock, start))[0])
+        new = without_idle(likelihood, new)
         if not (likelihood.value(new) > likelihood.value(clock) and _is_one(likelihood, new, clock, start.part)):
             return clock
         clock = new
+    return clock
+
+
+def without_idle(likelihood: Likelihood, clock: Clock) -> Clock:
+    """The delay without the steps that are shorter than a sample, or no more worth their price beside the others."""
+    finest = min(s.dt for m in likelihood.axes.values() for s in m.states)
+    for s in range(len(clock.sizes) - 1, -1, -1):
+        places = (*clock.form.places[:s], *clock.form.places[s + 1 :])
+        numbers = np.delete(clock.numbers, clock.parts + 1 + s)
+        less, _ = likelihood.refined(Clock(replace(clock.form, places=places), numbers))
+        if abs(clock.sizes[s]) < _LEAST_STEPS * finest or likelihood.value(less) > likelihood.value(clock):
+            clock = less
     return clock
 
 
@@ -95,6 +110,19 @@ def moment(likelihood: Likelihood, clock: Clock, step: int) -> tuple[float, Span
     weight = np.cumsum(np.exp(-cost / 2))
     likely = time[inner[cost < _LIKELY]]
     return float(time[inner[np.searchsorted(weight, weight[-1] / 2)]]), (float(likely[0]), float(likely[-1]))
+
+
+def drifts_as_well(likelihood: Likelihood, clock: Clock, part: int) -> bool:
+    """Whether a straight line explains as much, for its numbers, as the steps of a part do: its clock may run at
+    another speed, which no form of a delay says of one part alone."""
+    alone, late = likelihood.of_part(part), clock.late(part)
+    time = next(iter(alone.strips.values()))[0].time
+    drift, offset = np.polyfit(time, late.at(time), 1)
+    line = alone.refined(Clock.of(Form(True, True), [offset], drift))[0]
+    places = tuple((0, t) for t, _ in late.steps)
+    form = Form(bool(late.offset), bool(late.drift), places=places)
+    stepped = Clock(form, np.r_[late.offset, late.drift, [size for _, size in late.steps]])
+    return alone.value(line) > alone.value(stepped)
 
 
 def _likeliest(likelihood: Likelihood, clock: Clock, tries: Sequence[Sequence[Late]]) -> _Start | None:
@@ -150,19 +178,15 @@ def _with(clock: Clock, start: _Start) -> Clock:
 
 def _is_one(likelihood: Likelihood, new: Clock, former: Clock, part: int) -> bool:
     """Whether the delay with a step more gains throughout its part, as samples that are lost do, and not in one place
-    that is odd anyhow; and all its steps are as long as a sample may be lost by."""
+    that is odd anyhow (signed ranks of Wilcoxon 1945)."""
     strip = next(iter(likelihood.strips.values()))[part]
-    finest = min(m.states[part].dt for m in likelihood.axes.values())
-    if np.min(np.abs(new.sizes)) < _LEAST_STEPS * finest:
-        return False
     scales = likelihood.scales(new)
     gain = np.subtract(*(_by_span(likelihood, part, clock.late(part), scales) for clock in (former, new)))
-    second = (strip.time[strip.spans] // _EVEN_S).astype(int)
-    gain = np.bincount(second - second[0], gain)
-    changed = _differ(new.late(part), former.late(part), strip.time[strip.spans])
-    seconds = np.unique((second - second[0])[changed])
-    return p_of_mean(gain[seconds]) < SIGNIFICANT
-
-
-def _differ(one: Late, other: Late, time: Float1D) -> Float2D:
-    return np.abs(one.at(time) - other.at(time)) > 1e-3 * np.max(np.abs(one.at(time) - other.at(time)))
+    time = strip.time[strip.spans]
+    stretch = ((time - time[0]) // _EVEN_S).astype(int)
+    by = np.abs(new.late(part).at(time) - former.late(part).at(time))
+    gain = np.bincount(stretch, gain)[np.unique(stretch[by > _SAME * np.max(by)])]
+    if len(gain) < 2:
+        return False
+    _, p = np.asarray(stats.wilcoxon(gain, alternative="greater"))
+    return bool(p < SIGNIFICANT)

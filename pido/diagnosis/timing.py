@@ -22,12 +22,12 @@ from pido.diagnosis.clocks import Clock, Form, Likelihood, seen_late, within
 from pido.diagnosis.confirm import SIGNIFICANT, even
 from pido.diagnosis.lateness import Late, straight
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.steps import Span, moment, settled, with_steps
+from pido.diagnosis.steps import Span, drifts_as_well, moment, settled, with_steps, without_idle
 from pido.diagnosis.whiten import Noise
 
 _NEAR_S = 0.5  # a shift within which each step is tried
 _FARTHEST = 0.5  # of a part, by which it may be shifted
-_STRETCHES = 5  # of a part, each with a shift of its own to begin with
+_STRETCHES, _FINER = 5, 15  # of a part, each with a shift of its own to begin with; where a step is looked for
 _LEAST_STEPS = 0.05  # steps of the recording, from which a shift is one
 _LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
 
@@ -37,6 +37,7 @@ class Step:
     """From a moment on, one part comes later (or, with a negative size, earlier) than it did before.
 
     part : its index; time : s; size, sd : s; times : s, the 95 % interval of `time`
+    doubtful : whether a clock that drifts, in this part alone, explains as much
     """
 
     part: int
@@ -44,6 +45,7 @@ class Step:
     size: float
     sd: float
     times: Span
+    doubtful: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +213,7 @@ def _delay(
     of_mean = float(np.sqrt(max(shares @ covariance[:parts, :parts] @ shares, 0.0)) + shares @ (sd - usual)[:parts])
     offsets, each = (tuple(float(v) for v in values[:parts]) for values in (best.numbers, sd))
     steps = tuple(
-        Step(k, t, float(size), float(by), moment(likelihood, best, s)[1])
+        Step(k, t, float(size), float(by), moment(likelihood, best, s)[1], drifts_as_well(likelihood, best, k))
         for s, ((k, t), size, by) in enumerate(zip(best.form.places, best.sizes, sd[parts + 1 :], strict=True))
     )
     return Delay(offsets, best.drift, (of_mean, float(sd[parts])), gain, gains, each, best.form, steps)
@@ -255,11 +257,13 @@ def _found(likelihood: Likelihood) -> tuple[Clock, Float2D]:
         known += [own, *_told(likelihood, own)]
         both = best(Form(drift=True, own=everyone), [own, *lines])
         with_drift += [both, *_told(likelihood, both)]
-    near = [[*(at.late(k) for at in tries), *(Late(by) for by in np.unique(alike[k][1]))] for k in range(parts)]
-    known += [_told_again(likelihood, with_steps(likelihood, at, near)) for at in known]
+    far = [np.unique(_most_alike(likelihood, k, _FINER)[1]) for k in range(parts)]
+    near = [[*(at.late(k) for at in tries), *map(Late, far[k])] for k in range(parts)]
+    plain = [likelihood.zero, max(known[1:], key=likelihood.value)]
+    known += [_told_again(likelihood, with_steps(likelihood, at, near)) for at in plain]
     chosen = max(known, key=likelihood.value)
     with_more = replace(chosen.form, common=len(chosen.form.own) < parts, drift=True)
-    more = likelihood.refined(replace(chosen, form=with_more))[0]
+    more = without_idle(likelihood, likelihood.refined(replace(chosen, form=with_more))[0])
     drift = max([*with_drift, more], key=likelihood.value)
     if likelihood.value(drift) > likelihood.value(chosen):
         # What is near a line that drifts is so from it.
@@ -269,7 +273,31 @@ def _found(likelihood: Likelihood) -> tuple[Clock, Float2D]:
         ]
         stepped = _told_again(likelihood, with_steps(likelihood, drift, near))
         chosen = max(drift, stepped, key=likelihood.value)
-    return likelihood.refined(chosen)
+    return likelihood.refined(_merged(likelihood, chosen))
+
+
+def _merged(likelihood: Likelihood, clock: Clock) -> Clock:
+    """The delay with one shift for the parts whose own are the same but for so small a part of a sample as the
+    simulation is unknown by between its samples."""
+    finest = min(s.dt for m in likelihood.axes.values() for s in m.states)
+    longest = max(float(s.time[-1]) for m in likelihood.axes.values() for s in m.states)
+    own, form = clock.form.own, clock.form
+    if own or form.places:  # beside them, what all parts have has to be as much as it has to be alone
+        drift = form.drift and abs(clock.drift) * longest >= _LEAST_STEPS * finest
+        common = form.common and (drift or abs(_others(clock)) >= _LEAST_STEPS * finest)
+        if (drift, common) != (form.drift, form.common):
+            clock = likelihood.refined(replace(clock, form=replace(form, drift=drift, common=common)))[0]
+    if not own:
+        return clock
+    if clock.form.common and len(own) == clock.parts - 1:  # a shift of one part alone is its own
+        own = frozenset(range(clock.parts))
+        clock = replace(clock, form=replace(clock.form, common=False, own=own))
+    usual = float(np.median(clock.offsets)) if len(own) == clock.parts else _others(clock)
+    told = frozenset(k for k in own if abs(clock.numbers[k] - usual) >= _LEAST_STEPS * finest)
+    if told == own or clock.parts - len(told) < 2:
+        return clock
+    common = replace(clock, form=replace(clock.form, common=clock.form.common or len(own) == clock.parts))
+    return likelihood.refined(_with_own(common, told, usual))[0]
 
 
 def _told(likelihood: Likelihood, clock: Clock) -> list[Clock]:
@@ -333,11 +361,11 @@ def _lines(alike: Sequence[Float2D]) -> list[Clock]:
     return [whole, Clock.of(Form(drift=True, own=own), np.median(shifts - drift * seconds, axis=1), drift)]
 
 
-def _most_alike(likelihood: Likelihood, part: int) -> Float2D:
+def _most_alike(likelihood: Likelihood, part: int, stretches: int = _STRETCHES) -> Float2D:
     """(2, stretches), s – when, and at which shift the changes of both currents are most alike."""
     total: Float2D | None = None
     for axis, m in likelihood.axes.items():
-        alike = _alike(m, part) / float(np.median(likelihood.noises[axis].level)) ** 2
+        alike = _alike(m, part, stretches) / float(np.median(likelihood.noises[axis].level)) ** 2
         total = alike if total is None else total + alike
     assert total is not None
     m = next(iter(likelihood.axes.values()))
@@ -345,17 +373,17 @@ def _most_alike(likelihood: Likelihood, part: int) -> Float2D:
     lags = np.arange(-n + 1, n)
     near = np.abs(lags) <= _FARTHEST * n
     time = m.states[part].time
-    middle = time[0] + (np.arange(_STRETCHES) + 0.5) / _STRETCHES * (time[-1] - time[0])
+    middle = time[0] + (np.arange(stretches) + 0.5) / stretches * (time[-1] - time[0])
     return np.array([middle, lags[near][np.argmax(total[:, near], axis=1)] * m.step])
 
 
-def _alike(m: Mismatch, part: int) -> Float2D:
+def _alike(m: Mismatch, part: int, stretches: int) -> Float2D:
     """(stretches, 2 n - 1) – products of the changes of recorded and simulated current, summed, at every shift in rows,
     over each stretch of the recording."""
     rows = slice(int(m.edges[part]), int(m.edges[part + 1]))
     use = m.usable[rows]
     seen, sim = (np.diff(np.where(use, v[rows], 0.0)) for v in (m.target + np.nan_to_num(m.simulated), m.simulated))
     follows = use[1:] & use[:-1]
-    stretch = _STRETCHES * np.arange(len(seen)) // len(seen)
-    each = np.where(follows & (stretch == np.arange(_STRETCHES)[:, None]), seen, 0.0)
+    stretch = stretches * np.arange(len(seen)) // len(seen)
+    each = np.where(follows & (stretch == np.arange(stretches)[:, None]), seen, 0.0)
     return signal.correlate(each, np.where(follows, sim, 0.0)[None], method="fft")

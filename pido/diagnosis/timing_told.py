@@ -68,7 +68,7 @@ def late_in_words(delay: Delay, parts: Sequence[str]) -> str:
 
 def said_of(delay: Delay, parts: Sequence[str], dt: float) -> str:
     """What it is, where it is steps and nothing else; '' where the name of the finding says it."""
-    if not delay.steps or delay.own or delay.offset or delay.drift:
+    if not delay.steps or delay.own or delay.offset or delay.drift or any(s.doubtful for s in delay.steps):
         return ""
     places = [f"{_happened(s, dt)} in the recording of {parts[s.part]} at {s.time:.1f} s" for s in delay.steps]
     return f"{_list(places)}: it is shifted in time from then on"
@@ -78,6 +78,9 @@ def advice_of(delay: Delay, parts: Sequence[str], dt: float) -> str:
     """What to do about steps; '' where there are none."""
     if not delay.steps:
         return ""
+    if any(s.doubtful for s in delay.steps):
+        named = _list(list(dict.fromkeys(parts[s.part] for s in delay.steps if s.doubtful)))
+        return f"compare the clock of the recording of {named} with that of the control at its start and its end"
     places = [f"of {parts[s.part]} at {s.time:.1f} s ({_happened(s, dt)})" for s in delay.steps]
     return (
         f"look at how the recording {_list(places)} was written: its time column runs on as if nothing had happened. "
@@ -115,8 +118,10 @@ def _of_step(delay: Delay, step: Step, parts: Sequence[str]) -> str:
     before = delay.drift or delay.offsets[step.part]
     before = before or any(s.part == step.part and s.time < step.time for s in delay.steps)
     size = _more(step.size) if before else _after(step.size)
-    happened = "lost" if step.size < 0 else "repeated"
-    return f"{size} in part {parts[step.part]} from {_moment(step)} on (samples {happened} there)"
+    happened = f"samples {'lost' if step.size < 0 else 'repeated'} there"
+    if step.doubtful:
+        happened = "a clock that drifts in this part alone explains as much"
+    return f"{size} in part {parts[step.part]} from {_moment(step)} on ({happened})"
 
 
 def _moment(step: Step) -> str:
