@@ -97,15 +97,20 @@ def moment(likelihood: Likelihood, clock: Clock, step: int) -> tuple[float, Span
     )
     scales = likelihood.scales(clock)
     time = next(iter(likelihood.strips.values()))[part].time
-    excess = np.zeros(len(time))  # of a row that is not yet shifted, over one that is
+    excess, chance = np.zeros((2, len(time)))  # of a row that is not yet shifted, over one that is; of that, by chance
     for axis, strips in likelihood.strips.items():
         strip = strips[part]
-        excess += scales[axis] * (strip.white(never) ** 2 - strip.white(early) ** 2)
+        unmoved, moved = strip.white(never), strip.white(early)
+        excess += scales[axis] * (unmoved**2 - moved**2)
+        left = np.where(time < late.steps[at][0], unmoved, moved)
+        chance += scales[axis] * left * (unmoved - moved)
     rows = np.flatnonzero((time >= first + _NEAREST_S) & (time <= last - _NEAREST_S))
     inner = rows[(time[rows] >= time[0] + _NEAREST_S) & (time[rows] <= time[-1] - _NEAREST_S)]
     if not len(inner):
         return late.steps[at][0], (late.steps[at][0], late.steps[at][0])
-    cost = np.cumsum(excess)[inner - 1]
+    # What is left is no white noise: rows that err together say as little as a few of them.
+    together = np.bincount((time - time[0]).astype(int), chance)
+    cost = np.cumsum(excess)[inner - 1] / max(1.0, float(together @ together / max(chance @ chance, 1e-300)))
     cost -= cost.min()
     weight = np.cumsum(np.exp(-cost / 2))
     likely = time[inner[cost < _LIKELY]]
