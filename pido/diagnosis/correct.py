@@ -89,9 +89,13 @@ def not_applied(model: Mapping[str, Any], recording: Recording) -> list[str]:
 
 def own_shift(model: Mapping[str, Any], recording: Recording) -> dict[str, float]:
     """Per axis, s: the shift in time that a part is corrected by in place of its own, which nobody knows, where the
-    diagnosed parts have another one each. It is their mean."""
+    diagnosed parts have another one each. It is their mean; where most of them have the same, that is no other one."""
     part = recording.part.part
-    return {axis: m.delay[0] for axis, m in axis_models(model).items() if m.late and part not in m.late}
+    return {
+        axis: m.delay[0]
+        for axis, m in axis_models(model).items()
+        if m.late and part not in m.late and 2 * list(m.late.values()).count(m.delay[0]) <= len(m.late)
+    }
 
 
 def wear_not_kept(model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()) -> bool:

@@ -20,7 +20,9 @@ from pido.diagnosis.faults import DISPLACED, clipping, faulty, input_faults
 from pido.diagnosis.finding import Estimate, Evidence, FaultySignal, Finding, HeldOut, Interval, Where
 from pido.diagnosis.locate import lasting
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.state import AxisState
 from pido.diagnosis.timing import Delay, shift_target
+from pido.diagnosis.timing_told import advice_of, equation_of, late_in_words, parameters_of, said_of, scheme_of
 
 _MERGE_S = 0.5
 
@@ -180,57 +182,39 @@ def timing_finding(delay: Delay, axes: Mapping[str, Mismatch]) -> Finding:
     recorded = (m.target + m.sim)[rows] if m.sim is not None else m.target[rows]
     total = float(np.var(recorded)) or 1.0
     before, after = m.target[rows], moved.target[rows]
-    p = float(stats.chi2.sf(delay.gain, 1 + len(set(delay.offsets))))
-    parameters = {"shift": _estimated(delay.offset, "s", delay.sd[0])}
-    if delay.own:
-        each = zip(m.parts, delay.offsets, delay.sds, strict=True)
-        parameters |= {f"shift_{part}": _estimated(offset, "s", sd) for part, offset, sd in each}
-    if delay.drift:
-        parameters["drift"] = _estimated(delay.drift, "s/s", delay.sd[1])
-    others, several = ", ".join(a for a in delay.axes if a != axis), len(axes) > 1
+    others = ", ".join(a for a in delay.axes if a != axis)
+    p = float(stats.chi2.sf(delay.gain, 1 + delay.form.numbers))
     return Finding(
         axis=axis,
         mechanism="time_misalignment",
         kind="data_fault",
-        equation=f"curr_{axis}(t) = I_sim(t - shift{' - drift * t' if delay.drift else ''})"
-        + (", with another shift in each part" if delay.own else ""),
-        parameters=parameters,
+        equation=equation_of(delay, axis),
+        parameters=parameters_of(delay, m.parts),
         where=Where(
-            f"at every change of current: the recording comes {_late(delay, m.parts)}"
+            f"at every change of current: the recording comes {late_in_words(delay, m.parts)}"
             + (f", on {others} as well" if others else ""),
             (),
-            tuple(Interval(s.part, float(s.time[0]), float(s.time[-1]), 1.0) for s in m.states),
+            tuple(_out_of_time(delay, k, s) for k, s in enumerate(m.states) if k in delay.late),
         ),
         evidence=Evidence(p, p, delay.gain),
         fit=HeldOut(
-            "one shift in each part" + ", for all axes" * several
-            if delay.own
-            else "one shift for all parts" + " and axes" * several,
+            scheme_of(delay, m.parts) + ", for all axes" * (len(axes) > 1),
             _rms(before),
             _rms(after),
             1 - _rms(before) ** 2 / total,
             1 - _rms(after) ** 2 / total,
             paired_p(m.target**2 - moved.target**2, m, rows),
         ),
+        said=said_of(delay, m.parts, m.states[0].dt),
+        to_record=advice_of(delay, m.parts, m.states[0].dt),
     )
 
 
-def _estimated(value: float, unit: str, sd: float) -> Estimate:
-    return Estimate(value, unit, (value - 1.96 * sd, value + 1.96 * sd))
-
-
-def _late(delay: Delay, parts: Sequence[str]) -> str:
-    """By how much the recording comes after or before the simulation, in words."""
-
-    def said(offset: float) -> str:
-        size = f"{abs(offset):.4g} s" if abs(offset) >= 1.0 else f"{abs(offset) * 1e3:.3g} ms"
-        return f"{size} {'after' if offset > 0 else 'before'} the simulation"
-
-    if not delay.own:
-        return said(delay.offset)
-    low, high = int(np.argmin(delay.offsets)), int(np.argmax(delay.offsets))
-    ends = [f"{said(delay.offsets[k])} in part {parts[k]}" for k in (low, high)]
-    return f"by another time in each part, from {ends[0]} to {ends[1]}"
+def _out_of_time(delay: Delay, part: int, state: AxisState) -> Interval:
+    """The whole part, or from its first step on where it is in time before."""
+    steps = [s.time for s in delay.steps if s.part == part]
+    from_start = delay.offsets[part] or delay.drift or not steps
+    return Interval(state.part, float(state.time[0]) if from_start else steps[0], float(state.time[-1]), 1.0)
 
 
 def _merged(part: str, spans: Sequence[tuple[float, float]]) -> list[Interval]:

@@ -287,15 +287,14 @@ def _settle(
         tuple(terms),
         found.fit.amplitudes,
         equation,
-        (0.0, 0.0) if delay is None or full.base_names else (delay.offset, delay.drift),
-        dict(zip(full.parts, delay.offsets, strict=True)) if delay is not None and delay.own else {},
-        dict(limits),
+        limits=dict(limits),
         largest=tuple(
             float(np.max(np.abs(a @ t.columns(full.states)), initial=0.0))
             for t, a in zip(terms, found.fit.amplitudes, strict=True)
         ),
         known=known_of(full.states),
         seen=tuple(ranges(t, full.states, full.usable) for t in terms),
+        **({} if delay is None or full.base_names else delay.in_a_model(full.parts)),
     )
     findings = []
     for i, term in enumerate(terms):

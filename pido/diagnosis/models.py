@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from pido.core.arrays import Float1D
 from pido.core.columns import CURRENT_SIM
@@ -29,6 +28,7 @@ from pido.diagnosis.gates import Gate
 from pido.diagnosis.latched import Latched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.late_arms import LaggedArm, Warped
+from pido.diagnosis.lateness import Late, shifted
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.pulses import Pulses
@@ -90,7 +90,8 @@ class AxisModel:
 
     noise_level : A – what the residual of this axis usually is
     delay : s – the recording lags the simulation by delay[0] + delay[1] * time
-    late : per part that lags by another time, s – in place of delay[0], which is then their mean
+    late : per part, s – in place of delay[0], where not all parts lag by the same; delay[0] is that of any other part
+    steps : per part, (from, by), s each – by so much more it lags from then on
     limits : per part, A – the recorded current never leaves them; a part that was not seen has the widest
     largest : per term, A – its largest effect on the diagnosed parts; where it is not known, nothing is bounded
     known : what every diagnosed part said of the axis (fields of AxisState that a part may leave out)
@@ -105,6 +106,7 @@ class AxisModel:
     equation: Equation | None = None
     delay: tuple[float, float] = (0.0, 0.0)
     late: Mapping[str, float] = field(default_factory=dict)
+    steps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=())
     largest: tuple[float, ...] = ()
@@ -129,9 +131,8 @@ class AxisModel:
         Raises DiagnosisError where the part does not say what a finding follows from, and the diagnosed parts did.
         """
         total = np.zeros(len(state.time))
-        delay = (self.late.get(recording.part.part, self.delay[0]), self.delay[1])
-        if any(delay):
-            total += shifted(state.time, simulated, delay) - simulated
+        if late := self.lateness(recording.part.part):
+            total += shifted(state.time, simulated, late) - simulated
         if self.equation is not None:
             total += self.equation.of(recording, state, self.equation.joint) - simulated
         bounds = self.largest or (np.inf,) * len(self.terms)
@@ -141,6 +142,10 @@ class AxisModel:
                 self._check_known(term, state)
             total += np.clip(amplitudes @ columns, -BEYOND * most, BEYOND * most)
         return np.clip(simulated + total, *self._limits_of(recording.part.part)) - simulated
+
+    def lateness(self, part: str) -> Late:
+        """Of a part that was not diagnosed: what parts have in common; a step is of the recording it was seen in."""
+        return Late(self.late.get(part, self.delay[0]), self.delay[1], tuple(self.steps.get(part, ())))
 
     def _check_known(self, term: Term, state: AxisState) -> None:
         """A term that is nothing throughout: right where the part says so, not where it does not say."""
@@ -166,20 +171,6 @@ def _not_without(state: AxisState, what: str, lacking: Sequence[str]) -> str:
 def known_of(states: Sequence[AxisState]) -> tuple[str, ...]:
     """What every part says of an axis that a part may leave out."""
     return tuple(name for name in _GIVEN_BY if all(getattr(s, name) is not None for s in states))
-
-
-def shifted(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
-    """The signal as it is seen `delay[0] + delay[1] * time` later; held at the ends.
-
-    Between samples by cubics that hardly overshoot beside a step (Akima 1970, as modified in scipy): straight lines
-    and monotone cubics cut the peaks, and what is cut then looks like a part of the shift.
-    """
-    good = np.isfinite(values)
-    if np.sum(good) < 2:
-        return values
-    first, last = time[good][0], time[good][-1]
-    curve = Akima1DInterpolator(time[good], values[good], method="makima")
-    return curve(np.clip(time - delay[0] - delay[1] * time, first, last))
 
 
 def as_json(models: Mapping[str, AxisModel]) -> dict[str, Any]:
@@ -209,6 +200,7 @@ def _axis_json(m: AxisModel) -> dict[str, Any]:
         "noise_level": m.noise_level,
         "delay": list(m.delay),
         "late": dict(m.late),
+        "steps": {part: [list(step) for step in steps] for part, steps in m.steps.items()},
         "limits": {p: [v if np.isfinite(v) else None for v in limits] for p, limits in m.limits.items()},
         "equation": None
         if m.equation is None
@@ -242,6 +234,10 @@ def _axis_model(axis: str, data: Mapping[str, Any]) -> AxisModel:
         ),
         delay=(float(data["delay"][0]), float(data["delay"][1])),
         late={str(part): float(offset) for part, offset in data.get("late", {}).items()},
+        steps={
+            str(part): tuple((float(start), float(by)) for start, by in steps)
+            for part, steps in data.get("steps", {}).items()  # models of before do not have
+        },
         limits={
             part: (-np.inf if low is None else float(low), np.inf if high is None else float(high))
             for part, (low, high) in data["limits"].items()

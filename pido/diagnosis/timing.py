@@ -1,51 +1,61 @@
-"""Whether the recording lags the simulation: one delay, possibly drifting, or one in each part, that all axes agree on.
+"""Whether the recording lags the simulation: one delay, possibly drifting, one in each part or in some, or one from a
+moment of a part on, that all axes agree on.
 
 In:  the axes of all parts, with simulated currents, and the noise of each.
 Out: `Delay`, or None. It competes with the best mechanism of every axis, because an inertia, too, looks like a shifted
      friction: a real shift is the same on all axes, so what it explains there adds up.
-Source: maximum likelihood over the delay, whitened; drift by Gauss-Newton on the slope of the simulated current; where
-it may be, by the cross-correlation of the changes of both currents. The final numbers by least squares on every row,
-with a variance over blocks (White 1982).
+Source: maximum likelihood over the delay, whitened; where it may be, by the cross-correlation of the changes of both
+currents. The final numbers by least squares on every row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import signal, stats
 
-from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D
+from pido.diagnosis.clocks import Clock, Form, Likelihood, seen_late, within
 from pido.diagnosis.confirm import SIGNIFICANT, even
-from pido.diagnosis.mismatch import Mismatch, averaged
-from pido.diagnosis.models import shifted
-from pido.diagnosis.state import AxisState
+from pido.diagnosis.lateness import Late, straight
+from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.steps import Span, drifts_as_well, moment, settled, with_steps, without_idle
 from pido.diagnosis.whiten import Noise
 
 _NEAR_S = 0.5  # a shift within which each step is tried
 _FARTHEST = 0.5  # of a part, by which it may be shifted
-_OVERLAP = 0.5  # of the rows of a part, for which something is to be simulated when it is shifted
-_STRETCHES = 5  # of a part, each with a shift of its own to begin with
-_HELD_S = 0.5  # beyond its ends, for which a simulation is taken to stay as it is there
+_STRETCHES, _FINER = 5, 15  # of a part, each with a shift of its own to begin with; where a step is looked for
 _LEAST_STEPS = 0.05  # steps of the recording, from which a shift is one
 _LEAST_GAIN = 40.0  # of the likelihood, 2 log, over all axes
-_GAIN_PER_NUMBER = 12.0  # of the likelihood, 2 log, that a drift is to add, and each further part with its own shift
-_TURNS = 4  # of Gauss-Newton
 
-At = Float1D
-"""(parts + 1,) – where a delay is looked for: the shift of each part in s, and the drift of all in s/s."""
-Moved = Callable[[Float1D, Float1D, tuple[float, float]], Float1D]
+
+@dataclass(frozen=True)
+class Step:
+    """From a moment on, one part comes later (or, with a negative size, earlier) than it did before.
+
+    part : its index; time : s; size, sd : s; times : s, the 95 % interval of `time`
+    doubtful : whether a clock that drifts, in this part alone, explains as much
+    """
+
+    part: int
+    time: float
+    size: float
+    sd: float
+    times: Span
+    doubtful: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Delay:
-    """The recording shows at t what the simulation has at t - offset - drift * t.
+    """The recording shows at t what the simulation has at t - offset - drift * t, later by each step of its part.
 
-    offsets : per part, s; the same in all, or `own` in each
-    sd : of the offset (of their mean) and of the drift; sds : of each part's own
+    offsets : per part, s; sds : of each. One that cannot be told from what the other parts have is theirs
+    sd : of the offset that most parts have (of the mean, where there is none) and of the drift
     gain : 2 log likelihood over all axes; by_axis : its parts
+    form : which of these numbers were free
     """
 
     offsets: tuple[float, ...]
@@ -53,37 +63,64 @@ class Delay:
     sd: tuple[float, float]
     gain: float
     by_axis: Mapping[str, float]
-    sds: tuple[float, ...] = ()
+    sds: tuple[float, ...]
+    form: Form
+    steps: tuple[Step, ...] = ()
 
     @property
     def own(self) -> bool:
-        """Whether each part has a shift of its own."""
+        """Whether parts have a shift of their own."""
         return bool(np.ptp(self.offsets))
 
     @property
-    def offset(self) -> float:
-        """s – the mean of the parts."""
-        return float(np.mean(self.offsets))
+    def in_most(self) -> bool:
+        """Whether no shift is that of most parts."""
+        return len(self.form.own) * 2 >= len(self.offsets) and self.own
 
     @property
-    def at(self) -> At:
-        return np.r_[self.offsets, self.drift]
+    def offset(self) -> float:
+        """s – of most parts; the mean where they differ."""
+        return float(_usual(self.form, len(self.offsets)) @ self.offsets)
+
+    @property
+    def late(self) -> tuple[int, ...]:
+        """The parts that are out of time anywhere."""
+        stepped = {s.part for s in self.steps}
+        return tuple(k for k, by in enumerate(self.offsets) if by or self.drift or k in stepped)
+
+    @property
+    def clock(self) -> Clock:
+        return Clock(self.form, np.r_[self.offsets, self.drift, [s.size for s in self.steps]])
 
     @property
     def axes(self) -> tuple[str, ...]:
         """Those that show it by themselves, the clearest first."""
         clear = sorted(self.by_axis, key=lambda a: -self.by_axis[a])
-        return tuple(a for a in clear if stats.chi2.sf(self.by_axis[a], 2) < SIGNIFICANT)
+        numbers = 2 + 3 * len(self.steps)
+        return tuple(a for a in clear if stats.chi2.sf(self.by_axis[a], numbers) < SIGNIFICANT)
+
+    def in_a_model(self, parts: Sequence[str]) -> dict[str, Any]:
+        """What an `AxisModel` of these parts holds of it."""
+        clock = self.clock
+        steps = {parts[s.part]: clock.late(s.part).steps for s in self.steps}
+        late = dict(zip(parts, self.offsets, strict=True)) if self.own else {}
+        return {"delay": (self.offset, self.drift), "late": late, "steps": steps}
 
     def as_wide_as(self, other: Delay) -> Delay:
-        """The same delay, its standard deviations wider by the way to another estimate of it."""
+        """The same delay, its intervals wider by the way to another estimate of it."""
         offset, drift = self.sd[0] + abs(other.offset - self.offset) / 1.96, self.sd[1]
         sds = zip(self.sds, self.offsets, other.offsets, strict=True)
         return replace(
             self,
             sd=(offset, drift + abs(other.drift - self.drift) / 1.96),
             sds=tuple(sd + abs(b - a) / 1.96 for sd, a, b in sds),
+            steps=tuple(_as_wide(a, b) for a, b in zip(self.steps, other.steps, strict=True)),
         )
+
+
+def _as_wide(step: Step, other: Step) -> Step:
+    low, high = (pick(step.times[i], other.times[i]) for i, pick in enumerate((min, max)))
+    return replace(step, sd=step.sd + abs(other.size - step.size) / 1.96, times=(low, high))
 
 
 def find_delay(
@@ -97,9 +134,9 @@ def find_delay(
     with_sim = {a: m for a, m in axes.items() if m.sim is not None and np.ptp(m.sim[m.usable]) > 0}
     if not with_sim:
         return None
-    sought = _Sought(with_sim, noises)
-    best, sd = sought.found()
-    gains = sought.gains(best)
+    likelihood = Likelihood(with_sim, noises)
+    best, covariance = _found(likelihood)
+    gains = likelihood.gains(best)
     total = sum(gains.values())
     if total < _LEAST_GAIN:
         return None
@@ -109,13 +146,13 @@ def find_delay(
         return None
     # So small a part of a sample is what any dynamics beside the simulation's look like, and no clock.
     finest = min(s.dt for m in with_sim.values() for s in m.states)
-    longest = max(float(s.time[-1]) for m in with_sim.values() for s in m.states)
-    if max(np.max(np.abs(best[:-1])), np.max(np.abs(best[:-1] + best[-1] * longest))) < _LEAST_STEPS * finest:
+    ends = np.array([0.0, max(float(s.time[-1]) for m in with_sim.values() for s in m.states)])
+    if not best.form.places and max(np.max(np.abs(late.at(ends))) for late in _lates(best)) < _LEAST_STEPS * finest:
         return None
     beside = rivals()
     if total < 1.1 * sum(max(0.0, beside.get(a, 0.0)) for a in with_sim):
         return None
-    return _delay(best, sd, total, gains)
+    return _delay(likelihood, best, covariance, total, gains)
 
 
 def sharpened(delay: Delay, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise] | None = None) -> Delay:
@@ -126,262 +163,227 @@ def sharpened(delay: Delay, axes: Mapping[str, Mismatch], noises: Mapping[str, N
         one where it goes straight from one to the next widens the interval.
     """
     noises = {a: even(m) for a, m in axes.items()} if noises is None else noises
-    sought, straight = _Sought(axes, noises, fine=True), _Sought(axes, noises, _straight, fine=True)
-    basis = sought.own if delay.own else sought.drifting if delay.drift else sought.steady
-    if delay.own and delay.drift:
-        basis = sought.all
-    best, _ = sought.refined(delay.at, basis)
-    other, _ = straight.refined(best, basis)
-    spread = sought.spread(best, basis)
-    wider = np.sqrt(np.maximum(np.diag(spread), 0.0)) + np.abs(other - best) / 1.96
-    return _delay(best, spread, delay.gain, delay.by_axis, wider)
+    likelihood, lines = Likelihood(axes, noises, fine=True), Likelihood(axes, noises, straight, fine=True)
+
+    def settle(clock: Clock) -> tuple[Clock, Float1D, Float2D]:
+        best = settled(likelihood, likelihood.refined(clock)[0])
+        other, _ = lines.refined(best)
+        spread = likelihood.spread(best)
+        # What parts that share a shift would have by themselves is known as well as that of the others.
+        each = likelihood.spread(best, replace(best.form, common=False, own=frozenset(range(best.parts))))
+        sd = np.sqrt(np.maximum(np.diag(spread), 0.0))
+        held = [k for k in range(best.parts) if k not in best.form.own]
+        if best.form.own:
+            sd[held] = np.sqrt(np.maximum(np.diag(each), 0.0))[held]
+        return best, sd + np.abs(other.numbers - best.numbers) / 1.96, spread
+
+    best, sd, spread = settle(delay.clock)
+    usual = _others(best)
+    told = frozenset(k for k in best.form.own if abs(best.numbers[k] - usual) > 1.96 * sd[k])
+    if told != best.form.own and (told or best.form.common or best.form.drift or best.form.places):
+        best, sd, spread = settle(_with_own(best, told, usual))
+    return _delay(likelihood, best, spread, delay.gain, delay.by_axis, sd)
 
 
 def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:
     """The same axis compared with the simulation at the right time; rows for which nothing is simulated then are not
     used."""
-    usable = mismatch.usable & _inside(mismatch, delay.at)
+    lates = list(enumerate(_lates(delay.clock)))
+    usable = mismatch.usable & np.concatenate([within(mismatch, k, late) for k, late in lates])
     starts = mismatch.starts | ~usable
     starts[1:] |= ~usable[:-1]
-    moved = np.where(usable, _compared(mismatch, _shifted(mismatch, delay.at, fine=True)), 0.0)
-    return replace(mismatch, target=moved, before_moving=mismatch.target, usable=usable, starts=starts)
+    moved = np.concatenate([seen_late(mismatch, k, late, fine=True) for k, late in lates])
+    target = np.where(usable, mismatch.target + mismatch.simulated - moved, 0.0)
+    return replace(mismatch, target=target, before_moving=mismatch.target, usable=usable, starts=starts)
 
 
-def _delay(best: At, covariance: Float2D, gain: float, gains: Mapping[str, float], sd: At | None = None) -> Delay:
-    """covariance : (parts + 1, parts + 1), of `best`; sd : of each of its numbers, where it is more than that"""
+def _delay(
+    likelihood: Likelihood,
+    best: Clock,
+    covariance: Float2D,
+    gain: float,
+    gains: Mapping[str, float],
+    sd: Float1D | None = None,
+) -> Delay:
+    """covariance : of the numbers of `best`; sd : of each of them, where it is more than that"""
+    parts = best.parts
     usual = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sd = usual if sd is None else sd
-    of_mean = float(np.sqrt(max(np.mean(covariance[:-1, :-1]), 0.0)) + np.mean(sd[:-1] - usual[:-1]))
-    offsets, each = (tuple(float(v) for v in values[:-1]) for values in (best, sd))
-    return Delay(offsets, float(best[-1]), (of_mean, float(sd[-1])), gain, gains, each)
+    shares = _usual(best.form, parts)
+    of_mean = float(np.sqrt(max(shares @ covariance[:parts, :parts] @ shares, 0.0)) + shares @ (sd - usual)[:parts])
+    offsets, each = (tuple(float(v) for v in values[:parts]) for values in (best.numbers, sd))
+    steps = tuple(
+        Step(k, t, float(size), float(by), moment(likelihood, best, s)[1], drifts_as_well(likelihood, best, k))
+        for s, ((k, t), size, by) in enumerate(zip(best.form.places, best.sizes, sd[parts + 1 :], strict=True))
+    )
+    return Delay(offsets, best.drift, (of_mean, float(sd[parts])), gain, gains, each, best.form, steps)
 
 
-class _Sought:
-    """The delay of some axes under some weights.
+def _usual(form: Form, parts: int) -> Float1D:
+    """(parts,) – shares of each part in the offset of a part that nobody has seen."""
+    without = np.array([k not in form.own for k in range(parts)])
+    return without / without.sum() if without.sum() * 2 > parts else np.full(parts, 1 / parts)
 
-    moved : (time, values, delay) -> (n,), the signal as it is seen later; fine : before rows are averaged
-    """
 
-    def __init__(
-        self, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], moved: Moved = shifted, fine: bool = False
-    ):
-        self.axes, self.noises, self.moved, self.fine = axes, noises, moved, fine
-        self.parts = len(next(iter(axes.values())).states)
-        self.known: dict[tuple[str, bytes], Float1D] = {}
-        self.before: dict[str, Float1D] = {}
-        self.before |= {a: self._errors(a, np.zeros(self.parts + 1)) for a in axes}
-        one = np.r_[np.ones(self.parts), 0.0][:, None]
-        self.steady = one
-        self.drifting = np.hstack([one, 1.0 - one])
-        self.all = np.eye(self.parts + 1)
-        self.own = self.all[:, :-1]
+def _lates(clock: Clock) -> list[Late]:
+    return [clock.late(k) for k in range(clock.parts)]
 
-    def found(self) -> tuple[At, Float2D]:
-        """The delay that explains most for its numbers, and its covariance."""
-        lines = self._lines()
-        tries = [np.r_[np.full(self.parts, d), 0.0] for d in self._tries]
-        tries += map(self._common, lines)
-        common = max((at for at in tries if not at[-1]), key=self._total)
-        lines = [at for at in lines if self._total(at) > 0]
-        steady = self.refined(common, self.steady)
-        drifting = self._best([self.refined(at, self.drifting) for at in (steady[0], *map(self._common, lines))])
-        span = max(float(s.time[-1]) for m in self.axes.values() for s in m.states)
-        middle = np.r_[drifting[0][:-1] + drifting[0][-1] * span / 2, 0.0]
-        steady = self._best([steady, self.refined(middle, self.steady)])
-        chosen = [(steady, 1), (drifting, 2)]
-        if self.parts > 1:
-            without = np.array([at for at in (*tries, *lines) if not at[-1]])
-            best = np.argmax([self._by_part(at) for at in without], axis=0)
-            own = self.refined(np.r_[without[best, np.arange(self.parts)], 0.0], self.own)
-            both = self._best([self.refined(at, self.all) for at in (own[0], *lines)])
-            chosen += [(own, self.parts), (both, self.parts + 1)]
-        return max(chosen, key=lambda found: self._total(found[0][0]) - _GAIN_PER_NUMBER * found[1])[0]
 
-    def _common(self, at: At) -> At:
-        return np.r_[np.full(self.parts, float(np.median(at[:-1]))), at[-1]]
+def _found(likelihood: Likelihood) -> tuple[Clock, Float2D]:
+    """The delay that explains most for its numbers, and its covariance."""
+    parts = likelihood.parts
+    alike = [_most_alike(likelihood, k) for k in range(parts)]
+    lines = _lines(alike)
+    everyone = frozenset(range(parts))
+    tries = [Clock.of(Form(common=True), np.full(parts, d)) for d in _tries(likelihood)]
+    tries += [_in_common(at) for at in lines if not at.drift]
+    steady = likelihood.refined(max(tries, key=likelihood.total))[0]
+    lines = [at for at in lines if likelihood.total(at) > 0]
 
-    def _best(self, found: Sequence[tuple[At, Float2D]]) -> tuple[At, Float2D]:
-        return max(found, key=lambda each: self._total(each[0]))
+    def best(form: Form, starts: Iterable[Clock]) -> Clock:
+        refined = (likelihood.refined(Clock.of(form, at.offsets, at.drift))[0] for at in starts)
+        return max(refined, key=likelihood.total)
 
-    def refined(self, at: At, basis: Float2D) -> tuple[At, Float2D]:
-        """Gauss-Newton from `at` along `basis`, (parts + 1, q), each step halved until it helps; the covariance is
-        that of the last step, were all else as the noise says."""
-        at = at * (basis.any(axis=1))
-        covariance = np.zeros((len(at), len(at)))
-        for _ in range(_TURNS):
-            gram, inner = self._normal(at)
-            inverse = np.linalg.pinv(basis.T @ gram @ basis)
-            move = basis @ (inverse @ (basis.T @ inner))
-            covariance = basis @ inverse @ basis.T
-            now = self._total(at)
-            better = (at + share * move for share in (1.0, 0.5, 0.25))
-            new = next((b for b in better if self._total(b) > now), None)
-            if new is None:
-                break
-            at = new
-        return at, covariance
-
-    def spread(self, at: At, basis: Float2D) -> Float2D:
-        """(parts + 1, parts + 1) – covariance of `at` over blocks, whatever the noise forgets or not."""
-        gram, _ = self._normal(at)
-        inverse = basis @ np.linalg.pinv(basis.T @ gram @ basis) @ basis.T
-        scores = np.sum([self._scores(a, m, at) for a, m in self.axes.items()], axis=0)
-        free = max(1, len(scores) - basis.shape[1])
-        return len(scores) / free * inverse @ (scores.T @ scores) @ inverse
-
-    def gains(self, at: At) -> dict[str, float]:
-        """2 log likelihood over no delay, per axis."""
-        return {
-            a: int(self.noises[a].valid.sum()) * float(np.log(b.sum() / self._errors(a, at).sum()))
-            for a, b in self.before.items()
-        }
-
-    def _total(self, at: At) -> float:
-        return sum(self.gains(at).values())
-
-    def _by_part(self, at: At) -> Float1D:
-        """(parts,) – what each part gains by itself."""
-        gains = [
-            np.array([self.noises[a].valid[i:j].sum() for _, i, j in _parts(m)])
-            * np.log(self.before[a] / self._errors(a, at))
-            for a, m in self.axes.items()
+    drifting = best(Form(True, True), [steady, *map(_in_common, lines)])
+    span = max(float(s.time[-1]) for m in likelihood.axes.values() for s in m.states)
+    middle = best(Form(True), [Clock.of(Form(), drifting.offsets + drifting.drift * span / 2)])
+    steady = max(steady, middle, key=likelihood.total)
+    known, with_drift = [likelihood.zero, steady], [drifting]
+    if parts > 1:
+        without = [at for at in (*tries, *lines) if not at.drift]
+        which = np.argmax([likelihood.by_part(at) for at in without], axis=0)
+        offsets = np.array([at.offsets for at in without])[which, np.arange(parts)]
+        own = best(Form(own=everyone), [Clock.of(Form(), offsets)])
+        known += [own, *_told(likelihood, own)]
+        both = best(Form(drift=True, own=everyone), [own, *lines])
+        with_drift += [both, *_told(likelihood, both)]
+    far = [np.unique(_most_alike(likelihood, k, _FINER)[1]) for k in range(parts)]
+    near = [[*(at.late(k) for at in tries), *map(Late, far[k])] for k in range(parts)]
+    plain = [likelihood.zero, max(known[1:], key=likelihood.value)]
+    known += [_told_again(likelihood, with_steps(likelihood, at, near)) for at in plain]
+    chosen = max(known, key=likelihood.value)
+    with_more = replace(chosen.form, common=len(chosen.form.own) < parts, drift=True)
+    more = without_idle(likelihood, likelihood.refined(replace(chosen, form=with_more))[0])
+    drift = max([*with_drift, more], key=likelihood.value)
+    if likelihood.value(drift) > likelihood.value(chosen):
+        # What is near a line that drifts is so from it.
+        near = [
+            [Late(drift.numbers[k] + by.offset - at.offset, drift.drift) for by in near[k]]
+            for k, at in enumerate(_lates(steady))
         ]
-        return np.sum(gains, axis=0)
-
-    def _errors(self, axis: str, at: At) -> Float1D:
-        """(parts,) – sum of squares, as if the rows for which nothing is simulated were like the others; no less than
-        without a delay where these are most."""
-        if (axis, at.tobytes()) in self.known:
-            return self.known[axis, at.tobytes()]
-        m = self.axes[axis]
-        inside = _inside(m, at)
-        left = np.where(inside & m.usable, _compared(m, _shifted(m, at, self.moved, self.fine)), 0.0)
-        white = self.noises[axis].whiten(left[None])[0]
-        each = [slice(i, j) for _, i, j in _parts(m)]
-        share = np.array([np.sum(inside[r] & m.usable[r]) / max(1, int(np.sum(m.usable[r]))) for r in each])
-        error = np.array([max(float(white[r] @ white[r]), 1e-30) for r in each]) / np.maximum(share, _OVERLAP)
-        if axis in self.before:
-            error = np.where(share < _OVERLAP, np.maximum(error, self.before[axis]), error)
-        self.known[axis, at.tobytes()] = error
-        return error
-
-    def _normal(self, at: At) -> tuple[Float2D, Float1D]:
-        """Gram matrix and inner products of one step, over all axes."""
-        gram, inner = np.zeros((len(at), len(at))), np.zeros(len(at))
-        for axis, m in self.axes.items():
-            rows, y = self._step_rows(axis, m, at)
-            for k, (_, i, j) in enumerate(_parts(m)):
-                slope, timed, left = rows[0, i:j], rows[1, i:j], y[i:j]
-                gram[k, k] += slope @ slope
-                gram[k, -1] += slope @ timed
-                gram[-1, k] += slope @ timed
-                gram[-1, -1] += timed @ timed
-                inner[k] -= slope @ left
-                inner[-1] -= timed @ left
-        return gram, inner
-
-    def _scores(self, axis: str, m: Mismatch, at: At) -> Float2D:
-        """(blocks, parts + 1)"""
-        rows, y = self._step_rows(axis, m, at)
-        blocks = int(m.block.max()) + 1
-        out = np.zeros((blocks, len(at)))
-        for k, (_, i, j) in enumerate(_parts(m)):
-            out[:, k] = np.bincount(m.block[i:j], rows[0, i:j] * y[i:j], blocks)
-        out[:, -1] = np.bincount(m.block, rows[1] * y, blocks)
-        return out
-
-    def _step_rows(self, axis: str, m: Mismatch, at: At) -> tuple[Float2D, Float1D]:
-        """(2, n) slope of the moved simulation, alone and times t, and (n,) what is left; whitened."""
-        moved = _shifted(m, at, self.moved, self.fine)
-        use = m.usable & _inside(m, at)
-        slope = np.concatenate([np.gradient(moved[i:j], s.time) for s, i, j in _parts(m)])
-        time = np.concatenate([s.time for s in m.states])
-        rows = np.where(use, np.nan_to_num([slope, slope * time]), 0.0)
-        y = np.where(use, _compared(m, moved), 0.0)
-        return self.noises[axis].whiten(rows), self.noises[axis].whiten(y[None])[0]
-
-    @cached_property
-    def _tries(self) -> Float1D:
-        """s – shifts of all parts that are near."""
-        step = min(s.dt for m in self.axes.values() for s in m.states) * max(m.stride for m in self.axes.values())
-        reach = int(np.ceil(_NEAR_S / step))
-        return np.unique(np.round(np.r_[np.arange(-4, 5), np.linspace(-reach, reach, min(41, 2 * reach + 1))])) * step
-
-    def _lines(self) -> list[At]:
-        """Where the changes of both currents are most alike, on all axes together: in the middle of every stretch of a
-        part, and along a line through these shifts (Theil and Sen).
-        """
-        seconds, shifts = np.transpose([self._most_alike(k) for k in range(self.parts)], (1, 0, 2))
-        whole = np.r_[np.median(shifts, axis=1), 0.0]
-        drift = float(np.median([stats.theilslopes(y, t)[0] for y, t in zip(shifts, seconds, strict=True)]))
-        return [whole, np.r_[np.median(shifts - drift * seconds, axis=1), drift]] if drift else [whole]
-
-    def _most_alike(self, part: int) -> Float2D:
-        """(2, stretches), s – when, and at which shift the changes of both currents are most alike."""
-        total: Float2D | None = None
-        for axis, m in self.axes.items():
-            alike = _alike(m, part) / float(np.median(self.noises[axis].level)) ** 2
-            total = alike if total is None else total + alike
-        assert total is not None
-        m = next(iter(self.axes.values()))
-        n = (total.shape[1] + 1) // 2
-        lags = np.arange(-n + 1, n)
-        near = np.abs(lags) <= _FARTHEST * n
-        time = m.states[part].time
-        middle = time[0] + (np.arange(_STRETCHES) + 0.5) / _STRETCHES * (time[-1] - time[0])
-        return np.array([middle, lags[near][np.argmax(total[:, near], axis=1)] * m.step])
+        stepped = _told_again(likelihood, with_steps(likelihood, drift, near))
+        chosen = max(drift, stepped, key=likelihood.value)
+    return likelihood.refined(_merged(likelihood, chosen))
 
 
-def _alike(m: Mismatch, part: int) -> Float2D:
+def _merged(likelihood: Likelihood, clock: Clock) -> Clock:
+    """The delay with one shift for the parts whose own are the same but for so small a part of a sample as the
+    simulation is unknown by between its samples."""
+    finest = min(s.dt for m in likelihood.axes.values() for s in m.states)
+    longest = max(float(s.time[-1]) for m in likelihood.axes.values() for s in m.states)
+    own, form = clock.form.own, clock.form
+    if own or form.places:  # beside them, what all parts have has to be as much as it has to be alone
+        drift = form.drift and abs(clock.drift) * longest >= _LEAST_STEPS * finest
+        common = form.common and (drift or abs(_others(clock)) >= _LEAST_STEPS * finest)
+        if (drift, common) != (form.drift, form.common):
+            clock = likelihood.refined(replace(clock, form=replace(form, drift=drift, common=common)))[0]
+    if not own:
+        return clock
+    if clock.form.common and len(own) == clock.parts - 1:  # a shift of one part alone is its own
+        own = frozenset(range(clock.parts))
+        clock = replace(clock, form=replace(clock.form, common=False, own=own))
+    usual = float(np.median(clock.offsets)) if len(own) == clock.parts else _others(clock)
+    told = frozenset(k for k in own if abs(clock.numbers[k] - usual) >= _LEAST_STEPS * finest)
+    if told == own or clock.parts - len(told) < 2:
+        return clock
+    common = replace(clock, form=replace(clock.form, common=clock.form.common or len(own) == clock.parts))
+    return likelihood.refined(_with_own(common, told, usual))[0]
+
+
+def _told(likelihood: Likelihood, clock: Clock) -> list[Clock]:
+    """The delay with shifts of their own only in the parts that are worth the price of one: the others are in time, or
+    all as late as the middle one of them."""
+    out, form = [], clock.form
+    usually = [(_others(clock), True)] if form.common else [(0.0, False)]
+    if len(form.own) == clock.parts:
+        usually.append((float(np.median(clock.offsets)), True))
+    for usual, common in usually:
+        start = replace(clock, form=replace(clock.form, common=common))
+        total, price = likelihood.total(clock), Form(own=frozenset([0])).price
+        alone = {k: likelihood.total(_with_own(start, form.own - {k}, usual, {k})) for k in form.own}
+        told = frozenset(k for k, without in alone.items() if total - without > price)
+        if not common or len(told) < clock.parts - 1:
+            out.append(likelihood.refined(_with_own(start, told, usual))[0])
+    return out
+
+
+def _told_again(likelihood: Likelihood, clock: Clock) -> Clock:
+    """The same after a step was found, beside which the parts may need no shift of their own."""
+    return max([clock, *(_told(likelihood, clock) if clock.form.own else ())], key=likelihood.value)
+
+
+def _with_own(clock: Clock, own: frozenset[int], usual: float, which: Iterable[int] | None = None) -> Clock:
+    """The delay with the parts not in `own` (those of `which`) at their usual shift."""
+    numbers = clock.numbers.copy()
+    numbers[[k for k in (range(clock.parts) if which is None else which) if k not in own]] = usual
+    return Clock(replace(clock.form, own=own), numbers)
+
+
+def _others(clock: Clock) -> float:
+    """s – of the parts that have no shift of their own."""
+    return next((float(clock.numbers[k]) for k in range(clock.parts) if k not in clock.form.own), 0.0)
+
+
+def _in_common(clock: Clock) -> Clock:
+    return Clock.of(Form(True, bool(clock.drift)), np.full(clock.parts, float(np.median(clock.offsets))), clock.drift)
+
+
+def _tries(likelihood: Likelihood) -> Float1D:
+    """s – shifts of all parts that are near."""
+    axes = likelihood.axes.values()
+    step = min(s.dt for m in axes for s in m.states) * max(m.stride for m in axes)
+    reach = int(np.ceil(_NEAR_S / step))
+    return np.unique(np.round(np.r_[np.arange(-4, 5), np.linspace(-reach, reach, min(41, 2 * reach + 1))])) * step
+
+
+def _lines(alike: Sequence[Float2D]) -> list[Clock]:
+    """Where the changes of both currents are most alike: in the middle of every stretch of a part, and along a line
+    through these shifts (Theil and Sen).
+
+    alike : per part, as `_most_alike` has it
+    """
+    seconds, shifts = np.transpose(alike, (1, 0, 2))
+    own = frozenset(range(len(alike)))
+    whole = Clock.of(Form(own=own), np.median(shifts, axis=1))
+    drift = float(np.median([stats.theilslopes(y, t)[0] for y, t in zip(shifts, seconds, strict=True)]))
+    if not drift:
+        return [whole]
+    return [whole, Clock.of(Form(drift=True, own=own), np.median(shifts - drift * seconds, axis=1), drift)]
+
+
+def _most_alike(likelihood: Likelihood, part: int, stretches: int = _STRETCHES) -> Float2D:
+    """(2, stretches), s – when, and at which shift the changes of both currents are most alike."""
+    total: Float2D | None = None
+    for axis, m in likelihood.axes.items():
+        alike = _alike(m, part, stretches) / float(np.median(likelihood.noises[axis].level)) ** 2
+        total = alike if total is None else total + alike
+    assert total is not None
+    m = next(iter(likelihood.axes.values()))
+    n = (total.shape[1] + 1) // 2
+    lags = np.arange(-n + 1, n)
+    near = np.abs(lags) <= _FARTHEST * n
+    time = m.states[part].time
+    middle = time[0] + (np.arange(stretches) + 0.5) / stretches * (time[-1] - time[0])
+    return np.array([middle, lags[near][np.argmax(total[:, near], axis=1)] * m.step])
+
+
+def _alike(m: Mismatch, part: int, stretches: int) -> Float2D:
     """(stretches, 2 n - 1) – products of the changes of recorded and simulated current, summed, at every shift in rows,
     over each stretch of the recording."""
     rows = slice(int(m.edges[part]), int(m.edges[part + 1]))
     use = m.usable[rows]
     seen, sim = (np.diff(np.where(use, v[rows], 0.0)) for v in (m.target + np.nan_to_num(m.simulated), m.simulated))
     follows = use[1:] & use[:-1]
-    stretch = _STRETCHES * np.arange(len(seen)) // len(seen)
-    each = np.where(follows & (stretch == np.arange(_STRETCHES)[:, None]), seen, 0.0)
+    stretch = stretches * np.arange(len(seen)) // len(seen)
+    each = np.where(follows & (stretch == np.arange(stretches)[:, None]), seen, 0.0)
     return signal.correlate(each, np.where(follows, sim, 0.0)[None], method="fft")
-
-
-def _compared(mismatch: Mismatch, moved: Float1D) -> Float1D:
-    """(n,), A – the target as it is when the simulated current is `moved`."""
-    return np.where(mismatch.usable, mismatch.target + mismatch.simulated - moved, 0.0)
-
-
-def _straight(time: Float1D, values: Float1D, delay: tuple[float, float]) -> Float1D:
-    """As `shifted`, with straight lines between samples."""
-    good = np.isfinite(values)
-    return np.interp(time - delay[0] - delay[1] * time, time[good], values[good]) if good.any() else values
-
-
-def _shifted(mismatch: Mismatch, at: At, moved: Moved = shifted, fine: bool = False) -> Float1D:
-    """fine : moved before rows are averaged, not after: what means lose between them looks like a part of a shift"""
-    sim = mismatch.simulated
-    if not at.any():
-        return sim
-    if fine and mismatch.fine:
-        own = zip(mismatch.fine, at[:-1], strict=True)
-        late = [moved(time, values, (float(by), float(at[-1]))) for (time, values), by in own]
-        return np.concatenate([averaged(values, mismatch.stride) for values in late])
-    each = zip(_parts(mismatch), at[:-1], strict=True)
-    return np.concatenate([moved(s.time, sim[i:j], (float(late), float(at[-1]))) for (s, i, j), late in each])
-
-
-def _inside(mismatch: Mismatch, at: At) -> Bool1D:
-    """(n,) – rows that fall, when the simulation is moved, within what is simulated; a shift held at the ends of a
-    part for less than a second counts as within."""
-    out = np.ones(mismatch.n, bool)
-    sim = mismatch.simulated
-    for (s, i, j), late in zip(_parts(mismatch), at[:-1], strict=True):
-        known = s.time[np.isfinite(sim[i:j])]
-        if not len(known):
-            continue
-        source = s.time - late - at[-1] * s.time
-        out[i:j] = (source >= known[0] - _HELD_S) & (source <= known[-1] + _HELD_S)
-    return out
-
-
-def _parts(mismatch: Mismatch) -> Sequence[tuple[AxisState, int, int]]:
-    edges = mismatch.edges
-    return [(s, int(i), int(j)) for s, i, j in zip(mismatch.states, edges[:-1], edges[1:], strict=True)]

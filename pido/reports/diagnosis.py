@@ -394,7 +394,7 @@ def _label(diagnosis: Diagnosis) -> str:
 
 def _seconds_shown(finding: Finding, part: str) -> float:
     """How much of the worst place is shown: of a shift in time so little that it can be seen."""
-    shift = finding.parameters.get(f"shift_{part}", finding.parameters.get("shift"))
+    shift = next((s for n in (f"step_{part}", f"shift_{part}", "shift") if (s := finding.parameters.get(n))), None)
     if finding.mechanism != "time_misalignment" or shift is None:
         return AROUND_WORST_S
     return min(AROUND_WORST_S, SHIFTS_SHOWN * abs(shift.value))

@@ -14,8 +14,9 @@ from pido.diagnosis.dynamics import Ringing
 from pido.diagnosis.formulas import Formula
 from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.gates import Gate
+from pido.diagnosis.lateness import Late, shifted
 from pido.diagnosis.mechanisms import CATALOGUE
-from pido.diagnosis.models import AxisModel, as_json, known_of, shifted
+from pido.diagnosis.models import AxisModel, as_json, known_of
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 
@@ -215,11 +216,11 @@ def test_a_current_that_fades_out_below_all_numbers_is_shifted_without_a_warning
     fading = np.geomspace(1.0, last, 400)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        moved = shifted(t, fading, (0.02, 0.0))
+        moved = shifted(t, fading, Late(0.02))
     np.testing.assert_allclose(moved[1:], fading[:-1], rtol=1e-9, atol=1e-300)
 
 
 def test_peaks_between_samples_are_not_cut_where_a_current_is_shifted():
     t = np.arange(200) * 0.02
-    moved = shifted(t, np.sin(10 * np.pi * t), (0.01, 0.0))
+    moved = shifted(t, np.sin(10 * np.pi * t), Late(0.01))
     np.testing.assert_allclose(moved[2:], np.sin(10 * np.pi * (t - 0.01))[2:], atol=0.02)
