@@ -8,9 +8,13 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.answers import equation_text
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.advice import recording_that_tells
+from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_state, axis_states
+from pido.diagnosis.terms import fit
+from tests.diagnosis.to_and_fro import laid_out
 
 BY_ID = {m.id: m for m in CATALOGUE}
 FINE = 400  # Hz
@@ -237,3 +241,15 @@ def test_a_position_that_jumped_is_not_used_where_it_cannot_be_told():
     assert np.isnan(state.pos[2001:]).all()
     assert state.usable.mean() > 0.99
     np.testing.assert_allclose(state.since_reversal[-1], axis_state(made, "x").since_reversal[-1], rtol=0.02)
+
+
+def test_a_ripple_with_a_third_harmonic_is_one_ripple():
+    mismatch, noise = laid_out(lambda s: 0.08 * np.sin(s.pos / 2) + 0.07 * np.cos(3 * s.pos / 2))
+    look = first_look(mismatch, np.random.default_rng(0))
+    (found,) = search(look, 1, False, np.random.default_rng(0)).terms
+    assert found.name == "torque_ripple"
+    assert dict(found.shape)["L"] == pytest.approx(4 * np.pi, rel=0.02)
+    assert "R_s3 * sin(6 pi p / L)" in equation_text(found, "x")
+    (sizes,) = fit(mismatch, noise, [found]).amplitudes
+    assert np.hypot(*sizes[:2]) == pytest.approx(0.08, abs=0.01)
+    assert np.hypot(*sizes[4:]) == pytest.approx(0.07, abs=0.01)

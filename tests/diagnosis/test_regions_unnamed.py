@@ -33,7 +33,7 @@ from tests.diagnosis.to_and_fro import NOISE, VISCOUS, laid_out, library_of, not
 POS = np.concatenate([r["pos_x"] for r in recordings()])
 
 
-@pytest.mark.parametrize(("harmonics", "amplitudes"), [(0.0, 2), (1.0, 4)])
+@pytest.mark.parametrize(("harmonics", "amplitudes"), [(0.0, 2), (1.0, 4), (2.0, 6)])
 def test_a_form_is_charged_for_its_own_amplitudes_wherever_it_is_counted(harmonics, amplitudes):
     mismatch, noise = laid_out(lambda s: 0.05 * np.sin(s.pos) + 0.03 * np.sin(2 * s.pos))
     ripple = Term(next(m for m in CATALOGUE if m.id == "torque_ripple"), (("L", 2 * np.pi), ("harmonics", harmonics)))

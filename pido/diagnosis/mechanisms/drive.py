@@ -185,7 +185,7 @@ _LATEST = 0.1  # s, that a current answers late by
 class TorqueRipple(Mechanism):
     """A current periodic in the axis position: cogging, ball screw (any phase).
 
-    harmonics : 0 one wave, 1 with that of half its length: no cog is a sine
+    harmonics : 0 one wave, 1 with that of half its length, 2 with that of a third, too: no cog is a sine
     late : s, by which the current answers after the place was passed, through the loop that drives the axis; without
         it, the wave has another phase in each direction and looks like a friction that varies along the travel
     """
@@ -193,12 +193,12 @@ class TorqueRipple(Mechanism):
     id = "torque_ripple"
     equation = (
         "dI = R_s * sin(2 pi p / L) + R_c * cos(2 pi p / L), p = pos - late * v, "
-        "or with R_s2 * sin(4 pi p / L) + R_c2 * cos(4 pi p / L) added"
+        "or with R_s2 * sin(4 pi p / L) + R_c2 * cos(4 pi p / L) added, or these and R_s3, R_c3 with 6 pi p / L"
     )
-    amplitudes = (Parameter("R_s", "A"), Parameter("R_c", "A"), Parameter("R_s2", "A"), Parameter("R_c2", "A"))
+    amplitudes = tuple(Parameter(name, "A") for name in ("R_s", "R_c", "R_s2", "R_c2", "R_s3", "R_c3"))
     shape = (
         Parameter("L", "mm", low=_SHORTEST, high=_LONGEST, scale="log", values=_PERIODS),
-        choice("harmonics", 2),
+        choice("harmonics", 3, first=2),
         Parameter("late", "s", values=(0.0,)),
     )
     axes = LINEAR_AXES
@@ -208,19 +208,20 @@ class TorqueRipple(Mechanism):
 
     def regressors(self, state, *, L, harmonics=0.0, late=0.0):
         if state.pos is None:
-            return nothing(state, 4)
+            return nothing(state, len(self.amplitudes))
         passed = state.pos - late * np.nan_to_num(state.v)
-        half = wave(passed, L / 2) if round(harmonics) else np.zeros((len(passed), 2))
-        return np.column_stack([wave(passed, L), half])
+        none = np.zeros((len(passed), 2))
+        return np.column_stack([wave(passed, L / n) if n <= 1 + which(harmonics, 3) else none for n in (1, 2, 3)])
 
     def equation_in(self, axis, shape):
         text = "dI = R_s * sin(2 pi p / L) + R_c * cos(2 pi p / L)"
-        if round(shape.get("harmonics", 0.0)):
-            text += " + R_s2 * sin(4 pi p / L) + R_c2 * cos(4 pi p / L)"
+        for n in range(2, 2 + which(shape.get("harmonics", 0.0), 3)):
+            text += f" + R_s{n} * sin({2 * n} pi p / L) + R_c{n} * cos({2 * n} pi p / L)"
         return f"{text}; p = pos - late * v"
 
     def idle(self, shape):
-        return frozenset() if round(shape.get("harmonics", 0.0)) else frozenset({"R_s2", "R_c2"})
+        used = 2 + 2 * which(shape.get("harmonics", 0.0), 3)
+        return frozenset(p.name for p in self.amplitudes[used:])
 
     def needs(self, states):
         if any(s.pos is None for s in states):
