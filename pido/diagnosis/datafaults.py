@@ -6,7 +6,7 @@ Out: `Finding` values of kind data_fault, and the rows that no fit may use.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from scipy import stats
@@ -21,27 +21,43 @@ from pido.diagnosis.finding import Estimate, Evidence, FaultySignal, Finding, He
 from pido.diagnosis.locate import lasting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.timing import Delay, shift_target
+from pido.diagnosis.timing import Delay, Step, shift_target
 from pido.diagnosis.timing_told import advice_of, equation_of, late_in_words, parameters_of, said_of, scheme_of
 
 _MERGE_S = 0.5
+_NEAR_STEP_S = 0.3  # of a step in time, within which signals that jump jump with it
 
 
-def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Finding]:
+def input_findings(
+    parts: Sequence[Recording], axes: Sequence[str], delays: Collection[Delay] = (), notes: list[str] | None = None
+) -> list[Finding]:
     """One finding per axis whose position, speed or acceleration is wrong somewhere.
 
     axes : whose currents are compared, at least one
+    delays : whose steps in time are told by themselves: where samples are missing, positions jump, and no sensor is
+        wrong; notes : takes what is said of that
     """
     by_axis: dict[str, list[FaultySignal]] = {}
+    jumped: dict[str, list[str]] = {}
     for recording in parts:
         for column, faults in input_faults(recording).items():
             axis = next(a for a in sorted(AXES, key=len, reverse=True) if column.endswith(f"_{a}"))
+            steps = [s for d in delays for s in d.steps if parts[s.part] is recording]
+            kept = [f for f in faults if not any(_at(f.t_start, s) for s in steps)]
+            if len(kept) < len(faults):
+                jumped.setdefault(recording.part.part, []).append(column)
             by_axis.setdefault(axis, []).extend(
                 FaultySignal(recording.part.part, column, *lasting(recording.time, f.t_start, f.t_end), f.reason)
-                for f in faults
+                for f in kept
             )
+    if notes is not None:
+        notes += [
+            f"part {part}: {', '.join(columns)} jump where its time jumps against the simulation. Samples are "
+            "missing, or stand there twice, in all columns; that is no fault of its own"
+            for part, columns in jumped.items()
+        ]
     out = []
-    for axis, faults in by_axis.items():
+    for axis, faults in ((a, f) for a, f in by_axis.items() if f):
         columns = sorted({f.column for f in faults})
         reasons = sorted({f.reason for f in faults})
         intervals = [
@@ -75,6 +91,11 @@ def input_findings(parts: Sequence[Recording], axes: Sequence[str]) -> list[Find
             )
         )
     return out
+
+
+def _at(time: float, step: Step) -> bool:
+    """Whether a fault that begins at a time, s, begins where a step may be."""
+    return step.times[0] - _NEAR_STEP_S <= time <= step.times[1] + _NEAR_STEP_S
 
 
 def _without(parts: Sequence[Recording], axis: str, judged: str) -> HeldOut:

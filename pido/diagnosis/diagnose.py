@@ -104,7 +104,7 @@ def _diagnose(
             f"{len(parts)} part(s) only: proof is by contiguous blocks of the same recording, not by parts that were "
             "not fitted. Effects that differ between parts (wear, heat) cannot be judged."
         )
-    findings = input_findings(parts, axes)
+    findings: list[Finding] = []
     rejected: list[Rejected] = []
     models: dict[str, AxisModel] = {}
     series: dict[str, dict[str, tuple[Float1D, Float1D, Float1D]]] = {r.part.part: {} for r in parts}
@@ -125,6 +125,7 @@ def _diagnose(
         exact = exactly(delay, whole, answers)
         findings.append(timing_finding(exact, whole))
         delays |= {a: exact for a, d in delays.items() if d is delay}
+    findings += input_findings(parts, axes, set(delays.values()), notes)
     proved = each(
         _prove, {a: (parts, answers[a], machine, limits[a], delays.get(a)) for a in axes}, len(axes), "proof of"
     )

@@ -8,6 +8,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.correct import correct, own_shift
+from pido.diagnosis.datafaults import input_findings
 from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import axis_models
@@ -145,3 +146,19 @@ def test_a_model_of_a_version_without_steps_is_read():
     assert set(axis_models(model)["x"].steps) == {"p2"}
     former = {**model, "axes": {"x": {k: v for k, v in model["axes"]["x"].items() if k != "steps"}}}
     assert axis_models(former)["x"].steps == {}
+
+
+def test_positions_that_jump_where_samples_are_missing_are_no_other_fault():
+    """All columns of a recording lose the same samples; the simulation beside it goes on."""
+    at, rows = 21.3, 15
+    made = list(recorded(2, at, -rows))
+    whole, n = made[2].columns, len(made[2]) - rows
+    seen = np.arange(n) + rows * (made[2].time[:n] >= at)
+    lost = {name: whole[name][seen if name in ("pos_x", "v_x", "a_x") else slice(n)] for name in whole}
+    made[2] = Recording(made[2].part, lost)
+    assert [f.mechanism for f in input_findings(made, ["x"])] == ["input_fault"]
+    found = diagnose(made)
+    assert [f.mechanism for f in found.findings] == ["time_misalignment"]
+    (note,) = (n for n in found.notes if "jump" in n)
+    assert note.startswith("part p2: ")
+    assert "pos_x" in note
