@@ -150,18 +150,26 @@ class Store:
             rows = index.execute("SELECT digest FROM completed WHERE whole = ? ORDER BY digest", (digest,)).fetchall()
         return tuple(old for (old,) in rows)
 
-    def compare_currents(self, recording: Recording) -> None:
-        """Whether the currents are as large as those of the machine's newest parts; what is odd is warned of.
+    def newest_sizes(self, machine: str) -> dict[str, Sizes]:
+        """How large the currents of the machine's newest parts are, by part: what others are compared with."""
+        others = [entry for entry in self.entries(machine) if self.path(entry.digest).exists()]
+        return {entry.part: _sizes_of(self.path(entry.digest)) for entry in others[-_BESIDE:]}
+
+    def beside_stored(self, recording: Recording) -> str:
+        """What is odd about the size of the currents beside those of the machine's newest parts, '' where nothing is.
 
         Raises StoreError where they are a thousand times as large, or a thousandth: mA.
         """
-        others = [entry for entry in self.entries(recording.part.machine) if self.path(entry.digest).exists()]
-        stored = {entry.part: _sizes_of(self.path(entry.digest)) for entry in others[-_BESIDE:]}
-        found = beside(recording.part.part, sizes(recording), stored)
+        part = recording.part
+        found = beside(part.part, sizes(recording), self.newest_sizes(part.machine))
         if found is not None and found.unit:
             raise StoreError(found.words)
-        if found is not None:
-            log.warning("%s", found.words)
+        return found.words if found else ""
+
+    def compare_currents(self, recording: Recording) -> None:
+        """As `beside_stored`; what is odd is warned of."""
+        if odd := self.beside_stored(recording):
+            log.warning("%s", odd)
 
     def withdraw(self, digest: str) -> None:
         """Take a part out of the entries and give its name free; nothing is deleted. Once is enough."""
