@@ -6,7 +6,7 @@ import json
 import os
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -110,7 +110,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         for e in state["physics"]:
             click.echo(f"  physics {e['id']}  {e['outcome']} ({one_line(e['by'])}: {one_line(e['reason'])})")
         if history:
-            decided = [(r["at"], f"{r['action']} {r['name'] or r['version']}", r) for r in state["decisions"]]
+            decided = [(r["at"], _what(r), r) for r in state["decisions"]]
             decided += [(e["at"], f"{e['action']} physics {e['id']}", e) for e in state["physics_decisions"]]
             for at, what, who in sorted(decided, key=lambda d: d[0]):
                 click.echo(f"  {at}  {what} by {one_line(who['by'])}: {one_line(who['reason'])}")
@@ -133,6 +133,19 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) are not {where}; `pido iterate` logs them")
     for there in answer["mlflow_looks_in"]:
         click.echo(f"MLflow looks for artifacts in {there}, where this workspace was; `pido iterate` puts that right")
+
+
+def _what(record: dict[str, Any]) -> str:
+    """A decision in a few words; what a later release has written as it says it, with all that it says."""
+    from pido.core.names import one_line
+    from pido.tracking import audit
+
+    action = record["action"]
+    if action in (*audit.VERSIONS, *audit.PARTS):
+        return f"{action} {record['name'] or record['version']}"
+    about = {k: record[k] for k in ("version", "name") if record[k]} | record["more"]
+    said = ", ".join(f"{one_line(k)} {one_line(str(v))}" for k, v in about.items())
+    return f"{one_line(action)} (of a later release: it decides nothing here{said and '; '}{said})"
 
 
 def _counted(alarms: list[Alarm]) -> dict[str, int]:

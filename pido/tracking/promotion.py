@@ -49,12 +49,13 @@ def champion(workspace: Workspace, machine: str) -> Record | None:
     if not path.exists():
         return None
     try:
-        record = Record(**json.loads(path.read_text(encoding="utf-8")))
-    except (json.JSONDecodeError, TypeError):
+        return Record.of(path.read_bytes())
+    except json.JSONDecodeError:
         raise RegistryError(f"{path}: unreadable; bring it back from a backup.") from None
-    if record.sealed().hash != record.hash:
-        raise RegistryError(f"{path}: changed outside the tool; bring it back from a backup.")
-    return record
+    except ValueError as error:
+        raise RegistryError(
+            f"{path}: {error}, so it was changed outside the tool; bring it back from a backup."
+        ) from None
 
 
 def champion_bundle(workspace: Workspace, machine: str) -> Bundle | None:
@@ -67,7 +68,7 @@ def standings(workspace: Workspace, machine: str) -> list[Standing]:
     """All versions of a machine with what became of them, oldest first."""
     versions = Ledger(workspace.ledger).versions(machine)
     now = champion(workspace, machine)
-    last = {r.version: r.action for r in history(workspace, machine)}
+    last = {r.version: r.action for r in history(workspace, machine) if r.action in audit.VERSIONS}
     today = current(workspace, machine)
 
     def state(v: Version) -> str:
