@@ -9,6 +9,7 @@ holds its lock is dead (worker and run were killed together): it is set to Crash
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -78,6 +79,8 @@ def submit(
         live = runs(client, [ownership.tag(workspace), ARRIVAL])
         if sum(of in run.tags for run in live) >= AT_ONCE or any(tag in run.tags for run in live):
             return False
+        if not os.path.lexists(path):
+            return False  # looked at after its runs: the last one has taken it away since the inbox was looked at
         ours = ownership.deployment(client, workspace, ownership.ARRIVALS)
     run_deployment(
         ours.id,

@@ -127,7 +127,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         click.echo(f"still to do  {one_line(Path(one['path']).name)}{tried}{reason}")
     if logged_at:
         done = sum(len(ledger.iterations(machine)) for machine in now) - answer["not_in_mlflow_yet"]
-        click.echo(f"{done} iteration(s) are {whereabouts.words(logged_at)}; `pido iterate` would log them here too")
+        here = "`pido iterate --log-here`" if workspace.tracks_alone else "`pido iterate`"
+        click.echo(f"{done} iteration(s) are {whereabouts.words(logged_at)}; {here} would log them here too")
     elif answer["not_in_mlflow_yet"]:
         where = "in MLflow where settings and environment have it now"
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) are not {where}; `pido iterate` logs them")

@@ -199,9 +199,10 @@ def _tell_mlflow(workspace: Workspace) -> None:
     """What MLflow missed while it was away; in a process of its own, for a watcher stays small for months."""
     from pido.core.errors import PidoError
     from pido.tracking.mirror import up_to_date
+    from pido.tracking.whereabouts import named_nowhere
 
     try:
-        known = up_to_date(workspace)
+        known = bool(named_nowhere(workspace)) or up_to_date(workspace)  # each iteration says that it is not logged
     except PidoError as error:
         log.warning("whether MLflow has missed anything is not known: %s", error)
         return

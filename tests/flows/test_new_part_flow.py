@@ -196,6 +196,7 @@ def test_a_run_is_asked_for_by_paths_that_hold_wherever_its_worker_was_started(a
 
 
 TWO_AT_A_TIME = """
+import os
 import sys
 from pathlib import Path
 from prefect.client.orchestration import get_client
@@ -213,8 +214,11 @@ new_part.to_deployment("arrivals-elsewhere", tags=["workspace:elsewhere"]).apply
 for name in ("one", "two", "three"):
     theirs = {"workspace": "", "path": name}
     run_deployment("new-part/arrivals-elsewhere", parameters=theirs, tags=["arrival"], timeout=0)
-inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 60.0) for k in range(5)]
 clock, place = [0.0], Workspace.open(sys.argv[1])
+os.chdir(place.root)
+inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 60.0) for k in range(5)]
+for one in inbox:
+    one.path.touch()
 backlog = Backlog(place, place.inbox, lambda: clock[0])
 look = _through_prefect(place, None, backlog)
 with get_client(sync_client=True) as client:
@@ -229,9 +233,10 @@ with get_client(sync_client=True) as client:
     look(inbox)
     look(inbox)
     assert asked() == [0, 1], "two at a time, the first in production order"
+    inbox[0].path.unlink()
     ends(0, Completed())
-    look(inbox[1:])
-    assert asked() == [0, 1, 2]
+    look(inbox)
+    assert asked() == [0, 1, 2], "a run took it away since the inbox was looked at: it is not asked for again"
     ends(1, Crashed())
     look(inbox[1:])
     assert asked() == [0, 1, 2, 3], "what was asked for before lets the others go first"
