@@ -124,17 +124,13 @@ class Store:
             index.execute("COMMIT")
         return Entry(*row, new=True) if found is None else Entry(*found)
 
-    def same(self, recording: Recording) -> Entry | None:
-        """The stored part of this machine with the same measured samples, whatever it is called."""
-        return self._measured(recording.part.machine, len(recording), content.signals(recording))
-
-    def whole(self, recording: Recording) -> Recording:
-        """The recording as `add` keeps it: where the same measured samples are stored, the stored one with what this
-        one adds to it. Nothing is written."""
-        same = self.same(recording)
+    def as_kept(self, recording: Recording) -> tuple[Recording, Entry | None]:
+        """The recording as `add` keeps it, and the stored part of this machine with the same measured samples, whatever
+        it is called: where there is one, its columns with what this one adds to them. Nothing is written."""
+        same = self._measured(recording.part.machine, len(recording), content.signals(recording))
         if same is None or not self.path(same.digest).exists():
-            return recording
-        return content.completed(content.read(self.path(same.digest), None), recording).recording
+            return recording, same
+        return content.completed(content.read(self.path(same.digest), None), recording).recording, same
 
     def today(self, digests: Iterable[str]) -> dict[str, str]:
         """By digest, the one that stands for it now: of the part that it was completed to, or itself."""
@@ -310,7 +306,8 @@ class Store:
             ours = index.execute("UPDATE entries SET digest = ? WHERE digest = ?", (digest, same.digest)).rowcount
             if ours:
                 index.execute(
-                    "INSERT OR REPLACE INTO signals VALUES (?, ?)", (digest, content.signals(recording) or "")
+                    "INSERT OR REPLACE INTO signals SELECT ?, signals FROM signals WHERE digest = ?",
+                    (digest, same.digest),
                 )
                 index.execute("UPDATE completed SET whole = ? WHERE whole = ?", (digest, same.digest))
                 index.execute("INSERT INTO completed VALUES (?, ?)", (same.digest, digest))
