@@ -58,6 +58,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                 ],
                 "open_alarms": _counted(Book(workspace, machine).open_alarms()),
                 "learnt_from_withdrawn": promotion.trained_on_withdrawn(workspace, machine),
+                "trained_with_revoked": promotion.trained_on_revoked(workspace, machine),
                 "versions": [
                     {**asdict(s.version), "state": s.state, "judged_again": promotion.outdated(s.version, now[machine])}
                     for s in promotion.standings(workspace, machine)
@@ -101,6 +102,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                     click.echo(f"               judged by parts with {n} unanswered alarm(s)")
                 if v["state"] == "champion" and (gone := state["learnt_from_withdrawn"].get(v["version"])):
                     click.echo(f"               has learnt from what is withdrawn: {', '.join(gone)}")
+                if v["state"] == "champion" and (gone := state["trained_with_revoked"].get(v["version"])):
+                    click.echo(f"               was trained with physics that is revoked: {', '.join(gone)}")
         if state["open_alarms"]:
             n, on = sum(state["open_alarms"].values()), ", ".join(d[:12] for d in state["open_alarms"])
             click.echo(f"  {n} unanswered alarm(s) of the monitor on part(s) {on}: `pido monitor PART` shows them")

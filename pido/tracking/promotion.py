@@ -94,11 +94,11 @@ def current(workspace: Workspace, machine: str) -> Version | None:
         today = None  # settings that cannot be read have no version; `pido iterate` says what is wrong with them
     if today is not None:
         return versions[today.version]
-    out = _revoked(workspace, machine).keys() | trained_on_withdrawn(workspace, machine).keys()
+    out = trained_on_revoked(workspace, machine).keys() | trained_on_withdrawn(workspace, machine).keys()
     return next((v for number, v in reversed(versions.items()) if number not in out), None)
 
 
-def _revoked(workspace: Workspace, machine: str) -> dict[int, list[str]]:
+def trained_on_revoked(workspace: Workspace, machine: str) -> dict[int, list[str]]:
     """Versions that were trained with physics that is not in force, and which."""
     entries = journal(workspace, machine)
     if not entries:
@@ -181,7 +181,7 @@ def check_version(workspace: Workspace, version: Version) -> None:
         )
     if any(r.version == number and r.action == "reject" for r in history(workspace, version.machine)):
         raise RegistryError(f"{named} was rejected and stays so; approve another version.")
-    if gone := _revoked(workspace, version.machine).get(number):
+    if gone := trained_on_revoked(workspace, version.machine).get(number):
         raise RegistryError(
             f"{named} was trained with physics that is revoked: {', '.join(gone)}. `pido iterate` trains without it, "
             "or finds the version that was, and `pido status` says which that is."
@@ -237,7 +237,7 @@ def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Rec
         *before, now = _in_force_one_after_another(past) or [0]
         no_more = {
             "rejected since": {r.version for r in past if r.action == "reject"},
-            "physics revoked since": set(_revoked(workspace, machine)),
+            "physics revoked since": set(trained_on_revoked(workspace, machine)),
             "parts withdrawn since": set(trained_on_withdrawn(workspace, machine)),
         }
         left = [v for v in before if v != now and not any(v in versions for versions in no_more.values())]

@@ -323,7 +323,15 @@ def test_a_rollback_passes_over_what_was_trained_with_physics_that_was_revoked_s
     write(place, MACHINE, [entry, dataclasses.replace(entry, version=2, action="revoke")])
     with pytest.raises(RegistryError, match="trained with physics that is revoked: x stribeck_friction ab12"):
         decide(promotion.approve, place, 2)
+    call = [sys.executable, "-m", "pido.cli", "status", "--workspace", str(place.root)]
+    says = "was trained with physics that is revoked: x stribeck_friction ab12"
+    assert says not in subprocess.run(call, capture_output=True, text=True, check=True).stdout
     assert decide(promotion.rollback, place).version == 1
+    decide(promotion.approve, place, 3)
+    write(place, MACHINE, [entry])
+    assert decide(promotion.approve, place, 2).version == 2
+    write(place, MACHINE, [entry, dataclasses.replace(entry, version=2, action="revoke")])
+    assert says in subprocess.run(call, capture_output=True, text=True, check=True).stdout
 
 
 def test_a_record_is_bound_to_its_content():
