@@ -6,6 +6,7 @@ docker-compose.yml says the same for containers; a test holds the two together.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from deploy.entry import login_file
 from deploy.settings import PlantSettings
 from flows.server import answers
 from pido.core.files import write_atomically
+from pido.tracking.promotion import TOKEN
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,8 @@ def services(settings: PlantSettings) -> list[Service]:
         Service(
             "worker",
             [python, "-m", "flows.serve", "--workspace", str(workspace)],
-            {**client, "PREFECT_HOME": str(settings.folder / "worker"), "PREFECT_RUNNER_POLL_FREQUENCY": "1"},
+            {**client, **_credential(), "PREFECT_HOME": str(settings.folder / "worker"),
+             "PREFECT_RUNNER_POLL_FREQUENCY": "1"},
             lambda: (workspace / "worker.alive").exists(),
         ),
         Service(
@@ -92,6 +95,11 @@ def services(settings: PlantSettings) -> list[Service]:
             lambda: (workspace / "watcher.alive").exists(),
         ),
     ]  # fmt: skip
+
+
+def _credential() -> dict[str, str]:
+    """With the token of approval in its environment the worker takes decisions on Prefect's pages."""
+    return {TOKEN: os.environ[TOKEN]} if os.environ.get(TOKEN) else {}
 
 
 def _names(settings: PlantSettings) -> list[str]:

@@ -25,6 +25,7 @@ from flows.diagnose import due
 from flows.ownership import key
 from flows.pages import call, in_markdown
 from flows.submit import alive, ask_diagnosis
+from flows.turns import take_turn
 from pido import departures, parts, production
 from pido.core.errors import PidoError, UnavailableError
 from pido.tracking import pages, promotion
@@ -71,6 +72,7 @@ def new_part(workspace: str, path: str, machine: str | None = None, patient: boo
     """
     place = Workspace.open(workspace)
     with alive(place):
+        take_turn(place, Path(path), flow_run.id, flow_run.tags, get_run_logger().info)
         try:
             arrived = ingest(workspace, path, machine)
         except parts.Changed as changed:

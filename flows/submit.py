@@ -9,6 +9,7 @@ holds its lock is dead (worker and run were killed together): it is set to Crash
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -32,10 +33,11 @@ from pido.arrivals import machine_said
 from pido.workspace import Workspace, digest_of, without_secrets
 
 log = logging.getLogger(__name__)
-ARRIVAL = "arrival"
+ARRIVAL, MACHINE = "arrival", "machine:"
+"""Tags of runs about arrivals, and with what the tag begins that names the machine of each."""
 AT_ONCE = 2
-"""Runs of a machine's arrivals that are asked for at a time: one at work, one that has started up and waits for the
-machine. More would only hold the worker's slots against other machines; what waits stays in the inbox."""
+"""Runs of a machine's arrivals that are asked for at a time: one at work, one that has started up and waits for its
+turn (`flows.turns`). More would only hold the worker's slots against other machines; what waits stays in the inbox."""
 DIAGNOSIS = "diagnose"
 WAITING = [StateType.SCHEDULED, StateType.PENDING]
 BUSY = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
@@ -62,18 +64,23 @@ def fault_of(error: Exception) -> str:
     return f"Prefect cannot be reached at {without_secrets(server())} ({said.splitlines()[0]})"
 
 
-def submit(workspace: str, path: str, digest: str, machine: str | None, *, patient: bool = False) -> bool:
+def submit(
+    workspace: str, path: str, digest: str, machine: str | None, *, usual: str | None = None, patient: bool = False
+) -> bool:
     """Ask for a run for this arrival, unless it has one, or AT_ONCE others of its machine have. Returns whether one was
     asked for.
 
-    machine : of recordings that do not name theirs; those for which nobody says one count together
+    machine : of recordings that do not name theirs; `usual`: what the settings say of them, where this says nothing.
+        Those for which nobody says one count together
     patient : what cannot be read may still be on its way (`pido.arrivals.may_have_paused`)
     """
-    tag, of = f"{ARRIVAL}:{digest[:16]}", f"machine:{machine_said(Path(path)) or machine or ''}"
+    tag, of = f"{ARRIVAL}:{digest[:16]}", MACHINE + (machine_said(Path(path)) or machine or usual or "")
     with get_client(sync_client=True) as client:
-        live = _runs(client, [ownership.tag(workspace), ARRIVAL])
+        live = runs(client, [ownership.tag(workspace), ARRIVAL])
         if sum(of in run.tags for run in live) >= AT_ONCE or any(tag in run.tags for run in live):
             return False
+        if not os.path.lexists(path):
+            return False  # looked at after its runs: the last one has taken it away since the inbox was looked at
         ours = ownership.deployment(client, workspace, ownership.ARRIVALS)
     run_deployment(
         ours.id,
@@ -99,7 +106,7 @@ def ask_diagnosis(workspace: str, machine: str) -> str:
     tag = f"diagnosis:{digest_of(machine)[:16]}"
     try:
         with get_client(sync_client=True) as client:
-            if _runs(client, [ownership.tag(workspace), tag], WAITING):
+            if runs(client, [ownership.tag(workspace), tag], WAITING):
                 return ""
             ours = ownership.deployment(client, workspace, DIAGNOSIS)
         parameters = {"workspace": workspace, "machine": machine}
@@ -128,11 +135,11 @@ def sweep(workspace: Workspace) -> int:
     """
     ours = [ownership.tag(workspace.root)]
     with get_client(sync_client=True) as client:
-        silent = [run for run in _runs(client, ours, BUSY) if _without_process(run, workspace)]
+        silent = [run for run in runs(client, ours, BUSY) if _without_process(run, workspace)]
         if not silent:
             return 0
         time.sleep(SURE_S)
-        dead = [run for run in _runs(client, ours, BUSY) if run.id in {s.id for s in silent}]
+        dead = [run for run in runs(client, ours, BUSY) if run.id in {s.id for s in silent}]
         dead = [run for run in dead if _without_process(run, workspace)]
         for run in dead:
             client.set_flow_run_state(run.id, Crashed(message="its process is gone"), force=True)
@@ -147,7 +154,7 @@ def _without_process(run: FlowRun, workspace: Workspace) -> bool:
     return silent and not workspace.locked(f"run {run.id}")
 
 
-def _runs(client: SyncPrefectClient, tags: list[str], states: Sequence[StateType] = LIVE) -> list[FlowRun]:
+def runs(client: SyncPrefectClient, tags: list[str], states: Sequence[StateType] = LIVE) -> list[FlowRun]:
     """Those that carry all these tags."""
     return client.read_flow_runs(
         flow_run_filter=FlowRunFilter(

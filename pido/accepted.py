@@ -165,7 +165,7 @@ def revoke(workspace: Workspace, machine: str, id: str, *, by: str, reason: str)
         if found is None:
             known = ", ".join(f"{e.id} ({e.axis} {e.mechanism})" for e in now) or "nothing"
             raise RegistryError(f"machine '{machine}': '{id}' is not in force; in force: {known}.")
-        entry = replace(found, version=len(entries) + 1, action="revoke", by=by, reason=reason, at=utc_now())
+        entry = replace(found, version=len(entries) + 1, action="revoke", by=by, reason=reason, at=utc_now(), more={})
         write(workspace, machine, [*entries, entry])
     return entry
 

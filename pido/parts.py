@@ -74,10 +74,10 @@ def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
     try:
         recording = _read(workspace, place, named)
         _check(recording, workspace, place)
-        same, whole = store.same(recording), store.whole(recording)
+        whole, same = store.as_kept(recording)
         name = digest(whole)
-        known_as = None if same is None or name == digest(recording) else same.digest
-        made = None if known_as == name else _samples(workspace, whole, name)
+        told_otherwise = same is not None and name == same.digest and name != digest(recording)
+        made = None if told_otherwise else _samples(workspace, whole, name)
         if not at_rest():
             raise changed
         entry = store.add(recording, source=place.name)
@@ -153,11 +153,10 @@ def look_at(workspace: Workspace, path: Path, machine: str | None = None) -> tup
     recording = _read(workspace, path, machine or workspace.settings.machine)
     _check(recording, workspace, path)
     store = Store(workspace.store)
-    same = store.same(recording)
+    whole, same = store.as_kept(recording)
     if same is None:
         store.compare_currents(recording)
-    recording = store.whole(recording)
-    name = digest(recording) if same is None else same.digest
+    recording, name = whole, digest(whole) if same is None else same.digest
     samples, lost = _samples(workspace, recording, name)
     return at_rate(workspace, recording), samples, lost, name
 

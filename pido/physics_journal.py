@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from pido.core.errors import RegistryError
@@ -17,10 +17,13 @@ from pido.core.files import write_atomically
 from pido.tracking.seal import check, seal, seal_of, whole_lines
 from pido.workspace import Workspace
 
+ACTIONS = ("accept", "revoke")
+
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the journal. action : 'accept' or 'revoke'; id : the same finding has the same one."""
+    """A line of the journal. action : one of ACTIONS, or one that a later release knows; id : the same
+    finding has the same one."""
 
     version: int
     action: str
@@ -33,6 +36,7 @@ class Entry:
     term: dict[str, Any]
     equation: str
     model: str  # SHA-256 of the model.json that it comes from
+    more: Mapping[str, Any] = field(default_factory=dict, hash=False)  # fields that a later release has written
 
     @property
     def term_name(self) -> str:
@@ -47,14 +51,20 @@ def journal(workspace: Workspace, machine: str) -> list[Entry]:
     lines = whole_lines(path)
     check(path, sealed, lines)
     try:
-        return [Entry(**json.loads(line)) for line in lines]
-    except (ValueError, TypeError):
+        return [_entry(json.loads(line)) for line in lines]
+    except (ValueError, TypeError, AttributeError):
         raise RegistryError(f"{path}: unreadable; bring it back from a backup.") from None
 
 
+def _entry(written: Mapping[str, Any]) -> Entry:
+    own = {one.name for one in fields(Entry)} - {"more"}
+    more = {name: value for name, value in written.items() if name not in own}
+    return Entry(**{name: value for name, value in written.items() if name in own}, more=more)
+
+
 def in_force(entries: Sequence[Entry]) -> list[Entry]:
-    """What was accepted and not revoked since, oldest first."""
-    last = {e.id: e for e in entries}
+    """What was accepted and not revoked since, oldest first. Other actions, of a later release, decide nothing."""
+    last = {e.id: e for e in entries if e.action in ACTIONS}
     return sorted((e for e in last.values() if e.action == "accept"), key=lambda e: e.version)
 
 
@@ -74,6 +84,7 @@ def outcome(entry: Entry, version: int, physics: Mapping[str, Any]) -> str:
 
 def write(workspace: Workspace, machine: str, entries: Sequence[Entry]) -> None:
     """All entries, oldest first; the caller holds the machine's lock."""
-    lines = [json.dumps(asdict(e), sort_keys=True) for e in entries]
+    plain = [asdict(e) for e in entries]
+    lines = [json.dumps(e.pop("more") | e, sort_keys=True) for e in plain]
     write_atomically(workspace.physics_journal(machine), "\n".join(lines) + "\n")
     seal(workspace.physics_journal(machine))

@@ -24,7 +24,7 @@ from pido.core.machining import Job, Machine, Material, Stock, Tool
 from pido.core.recording import Recording
 from pido.core.samples import Samples
 from pido.process.quantities import process_quantities
-from pido.process.samples import load_in, to_samples
+from pido.process.samples import load_in, not_engaged, to_samples
 
 log = logging.getLogger(__name__)
 
@@ -64,10 +64,9 @@ def prepare(
     recording, notes = _with_process(recording, machine, job, air_cut)
     engaged_only = bool((recording["mrr_sim"] > 0).any())
     if not engaged_only and not air_cut:
-        raise RecordingError(
-            f"part {recording.part.part}: no sample has the tool engaged. Check stock, tool and offsets of the job, "
-            "or set air_cut = true if nothing was meant to be cut."
-        )
+        raise RecordingError(f"part {recording.part.part}: no sample has the tool engaged. {not_engaged(recording)}")
+    if not engaged_only and (load := load_in(recording.columns)):
+        notes.append(f"mrr_sim is 0 throughout, so all its moving samples count as air_cut = true says, though {load}")
     samples = to_samples(recording, machine, part, engaged_only=engaged_only)
     usable = (
         np.isfinite(samples.inputs).all(axis=1) & np.isfinite(samples.ar) & np.isfinite(samples.currents).any(axis=1)

@@ -322,9 +322,12 @@ STAGES: tuple[Stage, ...] = (bins, refit, balance, retrain, evaluate, publish)
 
 
 def log(root: str) -> dict[str, Any]:
-    """Bring MLflow up to the ledger. Where it cannot be reached, or files are gone, the answer says so in a sentence,
-    and the next call tries again."""
+    """Bring MLflow up to the ledger. Where it cannot be reached, files are gone, or nobody says where it is now, the
+    answer says so in a sentence, and the next call tries again."""
     workspace = Workspace.open(root)
+    if fault := whereabouts.named_nowhere(workspace):
+        log_.warning("%s", fault)
+        return {"logged": 0, "fault": fault}
     if mirror.up_to_date(workspace):
         whereabouts.remember(workspace)
         return {"logged": 0, "fault": ""}

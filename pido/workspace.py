@@ -299,7 +299,8 @@ class Workspace:
         journal = self.physics_journal(machine)
         if not journal.exists():
             return ""
-        last = {entry["id"]: entry for entry in map(json.loads, journal.read_text(encoding="utf-8").splitlines())}
+        entries = map(json.loads, journal.read_text(encoding="utf-8").splitlines())
+        last = {entry["id"]: entry for entry in entries if entry["action"] in ("accept", "revoke")}
         now = [entry["term"] for entry in last.values() if entry["action"] == "accept"]
         return digest_of(now) if now else ""
 

@@ -5,7 +5,7 @@ import pytest
 
 from pido.config import machine, material
 from pido.core.columns import INPUTS, PROCESS
-from pido.core.errors import SettingsError
+from pido.core.errors import RecordingError, SettingsError
 from pido.core.machining import Job, Stock, Tool
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
@@ -61,6 +61,21 @@ def test_a_load_that_was_recorded_is_no_air_cut_and_the_column_that_is_missing_i
     assert "to simulate it material, tools, stock are not known" in said
     assert "set air_cut = true" not in said
     assert ("f_x_sim is up to 10 N" in said) == air_cut
+
+
+def test_forces_without_any_removal_are_not_called_an_air_cut():
+    """part() cuts with every load; here the removal alone says that nothing was removed."""
+    given = part().with_columns(mrr_sim=np.zeros(len(part())))
+    with pytest.raises(RecordingError) as refused:
+        prepare(given, MILL, CUT, "d")
+    said = str(refused.value)
+    assert "f_x_sim is up to 10 N, but mrr_sim is 0 throughout" in said
+    assert "air_cut = true" not in said
+    samples, (note,) = prepare(given, MILL, CUT, "d", air_cut=True)
+    assert set(rows(samples, "f_x_sim")) == {10.0}
+    assert "f_x_sim is up to 10 N" in note
+    with pytest.raises(RecordingError, match="air_cut = true"):
+        prepare(part(load=0.0), MILL, CUT, "d")
 
 
 def test_an_air_cut_may_have_recorded_that_nothing_pushed():

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 @click.option("--job", type=Input(dir_okay=False), help="what is cut with what")
 @click.option("--air-cut", is_flag=True, default=None, help="parts without process quantities were cut in air")
 @click.option("--seed", type=click.IntRange(min=0), default=None, help="of everything that draws at random")
+@click.option(
+    "--log-here",
+    is_flag=True,
+    help="where nothing names the server of before: log in the workspace",
+)
 @click.option("--json", "as_json", is_flag=True, help="for a machine to read")
 def command(
     paths: tuple[Path, ...],
@@ -30,6 +35,7 @@ def command(
     job: Path | None,
     air_cut: bool | None,
     seed: int | None,
+    log_here: bool,
     as_json: bool,
 ) -> None:
     """Refit, balance, retrain, evaluate and log, once per part of PATHS; without PATHS, retrain on the known parts.
@@ -49,6 +55,10 @@ def command(
         if folder.resolve().is_relative_to(path.resolve()):
             raise InputError(f"{path}: holds the workspace {folder}, which changes. Put one beside the other.")
     workspace = Workspace.make(folder, job=job, machine=machine, air_cut=air_cut, seed=seed)
+    if log_here:
+        from pido.tracking import whereabouts
+
+        whereabouts.remember(workspace)
     waiting = [path for path in paths if not _known(workspace, path)]
     if paths and not waiting:
         _say({"done": [], "known": len(paths), "rejected": []}, as_json)
@@ -68,6 +78,7 @@ def _known(workspace: Workspace, path: Path) -> bool:
     """Whether this arrival went through an iteration, and the state of its machine is up to date. Nothing heavy is
     imported to find out."""
     from pido.core.errors import StoreError
+    from pido.tracking import whereabouts
     from pido.tracking.ledger import Ledger
     from pido.tracking.withdrawn import parts
     from pido.workspace import arrival_digest
@@ -86,7 +97,8 @@ def _known(workspace: Workspace, path: Path) -> bool:
     if machine is None or arrival.part not in counted:
         return False  # `run` does it, or says that it was withdrawn
     done = ledger.iteration(workspace.run_key(machine, counted)) is not None
-    return done and not ledger.not_logged(workspace.tracking_place)
+    place = whereabouts.elsewhere(workspace)[1] if workspace.tracks_alone else ""
+    return done and not ledger.not_logged(place or workspace.tracking_place)
 
 
 def _say(answer: dict[str, Any], as_json: bool) -> None:

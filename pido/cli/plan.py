@@ -77,7 +77,7 @@ def command(program: Path, job_file: Path, folder: Path, out: Path | None, seed:
         click.echo(json.dumps({**figures, "bins": rows}, indent=1))
         return
     for key, value in figures.items():
-        click.echo(f"{of_a_run(key):<36}{number(value) if isinstance(value, float) else value}")
+        click.echo(f"{of_a_run(key):<39}{number(value) if isinstance(value, float) else value}")
     click.echo(f"\n{'v_x':>8}{'v_y':>8}{'AR':>8}{'coming':>9}{'real':>8}{'PiA':>6}{'PiE':>6}   (mm/s, mm/s, mm²)")
     for row in rows[:SHOWN]:
         click.echo(

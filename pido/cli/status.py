@@ -6,7 +6,7 @@ import json
 import os
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -58,6 +58,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                 ],
                 "open_alarms": _counted(Book(workspace, machine).open_alarms()),
                 "learnt_from_withdrawn": promotion.trained_on_withdrawn(workspace, machine),
+                "trained_with_revoked": promotion.trained_on_revoked(workspace, machine),
                 "versions": [
                     {**asdict(s.version), "state": s.state, "judged_again": promotion.outdated(s.version, now[machine])}
                     for s in promotion.standings(workspace, machine)
@@ -101,6 +102,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
                     click.echo(f"               judged by parts with {n} unanswered alarm(s)")
                 if v["state"] == "champion" and (gone := state["learnt_from_withdrawn"].get(v["version"])):
                     click.echo(f"               has learnt from what is withdrawn: {', '.join(gone)}")
+                if v["state"] == "champion" and (gone := state["trained_with_revoked"].get(v["version"])):
+                    click.echo(f"               was trained with physics that is revoked: {', '.join(gone)}")
         if state["open_alarms"]:
             n, on = sum(state["open_alarms"].values()), ", ".join(d[:12] for d in state["open_alarms"])
             click.echo(f"  {n} unanswered alarm(s) of the monitor on part(s) {on}: `pido monitor PART` shows them")
@@ -110,7 +113,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         for e in state["physics"]:
             click.echo(f"  physics {e['id']}  {e['outcome']} ({one_line(e['by'])}: {one_line(e['reason'])})")
         if history:
-            decided = [(r["at"], f"{r['action']} {r['name'] or r['version']}", r) for r in state["decisions"]]
+            decided = [(r["at"], _what(r), r) for r in state["decisions"]]
             decided += [(e["at"], f"{e['action']} physics {e['id']}", e) for e in state["physics_decisions"]]
             for at, what, who in sorted(decided, key=lambda d: d[0]):
                 click.echo(f"  {at}  {what} by {one_line(who['by'])}: {one_line(who['reason'])}")
@@ -127,12 +130,26 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         click.echo(f"still to do  {one_line(Path(one['path']).name)}{tried}{reason}")
     if logged_at:
         done = sum(len(ledger.iterations(machine)) for machine in now) - answer["not_in_mlflow_yet"]
-        click.echo(f"{done} iteration(s) are {whereabouts.words(logged_at)}; `pido iterate` would log them here too")
+        here = "`pido iterate --log-here`" if workspace.tracks_alone else "`pido iterate`"
+        click.echo(f"{done} iteration(s) are {whereabouts.words(logged_at)}; {here} would log them here too")
     elif answer["not_in_mlflow_yet"]:
         where = "in MLflow where settings and environment have it now"
         click.echo(f"{answer['not_in_mlflow_yet']} iteration(s) are not {where}; `pido iterate` logs them")
     for there in answer["mlflow_looks_in"]:
         click.echo(f"MLflow looks for artifacts in {there}, where this workspace was; `pido iterate` puts that right")
+
+
+def _what(record: dict[str, Any]) -> str:
+    """A decision in a few words; what a later release has written as it says it, with all that it says."""
+    from pido.core.names import one_line
+    from pido.tracking import audit
+
+    action = record["action"]
+    if action in (*audit.VERSIONS, *audit.PARTS):
+        return f"{action} {record['name'] or record['version']}"
+    about = {k: record[k] for k in ("version", "name") if record[k]} | record["more"]
+    said = ", ".join(f"{one_line(k)} {one_line(str(v))}" for k, v in about.items())
+    return f"{one_line(action)} (of a later release: it decides nothing here{said and '; '}{said})"
 
 
 def _counted(alarms: list[Alarm]) -> dict[str, int]:

@@ -40,9 +40,8 @@ def command(inbox: Path, folder: Path, machine: str | None, prefect: bool, once:
     """Files and folders that appear in INBOX, by rename, slow copy or upload, each go through one iteration.
 
     What came while nobody watched is found at the start. A part that arrives twice counts once. What cannot be used
-    goes to the rejected area with its reason. Parts of one machine are done one after another, in production order;
-    with --prefect two are asked for at a time, and of those either may come first. One whose iteration fails holds up
-    no other: it is tried again, more and more seldom, and `pido status` names it.
+    goes to the rejected area with its reason. Parts of one machine are done one after another, in production order.
+    One whose iteration fails holds up no other: it is tried again, more and more seldom, and `pido status` names it.
 
     \b
     pido watch plant/inbox --workspace plant
@@ -135,7 +134,8 @@ def _through_prefect(workspace: Workspace, machine: str | None, backlog: Backlog
                 if before and patient:
                     continue  # one run has looked at it; the next one decides, when it has rested for long
                 asked = True
-                if submit(str(workspace.root), str(one.path), one.digest, machine, patient=patient):
+                place, usual = str(workspace.root), workspace.settings.machine
+                if submit(place, str(one.path), one.digest, machine, usual=usual, patient=patient):
                     backlog.tried(one, f"{before} run(s) have not taken it: see its runs in Prefect" if before else "")
             if due():
                 asked = True
@@ -199,9 +199,10 @@ def _tell_mlflow(workspace: Workspace) -> None:
     """What MLflow missed while it was away; in a process of its own, for a watcher stays small for months."""
     from pido.core.errors import PidoError
     from pido.tracking.mirror import up_to_date
+    from pido.tracking.whereabouts import named_nowhere
 
     try:
-        known = up_to_date(workspace)
+        known = bool(named_nowhere(workspace)) or up_to_date(workspace)  # each iteration says that it is not logged
     except PidoError as error:
         log.warning("whether MLflow has missed anything is not known: %s", error)
         return

@@ -27,7 +27,7 @@ _ADVICE = {
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A place beside `path` to write to. What is there when the block ends takes the place of `path`, flushed to disk;
-    where the block fails, `path` stays as it was.
+    where the block fails, `path` stays as it was; an error of the disk that names no file then names `path`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.new")
@@ -35,6 +35,9 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         _sync(temporary)
         temporary.replace(path)
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
     _sync(path.parent)

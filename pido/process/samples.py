@@ -7,13 +7,13 @@ Out: `Samples`: the 13 inputs, AR, currents, and the held direction of each axis
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import CURRENT, INPUTS, PROCESS, UNITS, VELOCITY
+from pido.core.columns import ACCELERATION, CURRENT, INPUTS, POSITION, PROCESS, UNITS, VELOCITY
 from pido.core.errors import RecordingError
 from pido.core.machining import Machine
 from pido.core.recording import Recording
@@ -43,12 +43,7 @@ def to_samples(recording: Recording, machine: Machine, part_digest: str, *, enga
     """
     missing = [name for name in INPUTS if name not in recording]
     if missing:
-        advice = (
-            "Simulate the process quantities along the path first (`pido.process.quantities.process_quantities`)."
-            if set(missing) & set(PROCESS)
-            else "Derive motion from the positions first (`pido.recordings`)."
-        )
-        what = ", ".join(missing)
+        what, advice = ", ".join(missing), " ".join(_ways(recording, missing))
         raise RecordingError(f"part {recording.part.part}: {what} missing, and every row needs them. {advice}")
     inputs = np.column_stack([np.asarray(recording[name], float) for name in INPUTS])
     ar = area_removal(recording)
@@ -58,8 +53,8 @@ def to_samples(recording: Recording, machine: Machine, part_digest: str, *, enga
         keep &= engaged(recording, machine)
         if not keep.any():
             raise RecordingError(
-                f"part {recording.part.part}: no sample has the tool engaged (0 < AR < {AR_MAX_MM2:g} mm²). "
-                "Check raw part, tool and zero offset, or say that this is an air cut."
+                f"part {recording.part.part}: no sample has the tool engaged (0 < AR < {AR_MAX_MM2:g} mm², and "
+                f"motion in x, y or z). {not_engaged(recording)}"
             )
     elif not keep.any():
         raise RecordingError(f"part {recording.part.part}: no sample has all 13 inputs.")
@@ -98,6 +93,43 @@ def load_in(columns: Mapping[str, Array1D]) -> str:
         if largest > 0:
             return f"{name} is up to {largest:.4g} {UNITS[name]}"
     return ""
+
+
+def not_engaged(recording: Recording) -> str:
+    """What to do where no sample has the tool engaged: it depends on what the recording says of forces and removal.
+
+    >>> from pido.core.part import PartInfo
+    >>> force = {"time": np.array([0.0, 0.02]), "f_x_sim": np.array([0.0, 264.9]), "mrr_sim": np.zeros(2)}
+    >>> not_engaged(Recording(PartInfo(part="p01", machine="m"), force)).partition(":")[0]
+    'f_x_sim is up to 264.9 N, but mrr_sim is 0 throughout'
+    """
+    load = load_in(recording.columns)
+    if not load:
+        return "Check raw part, tool and zero offset, or say that this is an air cut (air_cut = true)."
+    if not np.nanmax(recording.columns.get("mrr_sim", np.zeros(1)), initial=0.0) > 0:
+        return (
+            f"{load}, but mrr_sim is 0 throughout: so this is no air cut, and its removal is missing. Export mrr_sim "
+            "as it was simulated, or bring the recording without this column and say what was cut (material, tools, "
+            "stock)."
+        )
+    return f"{load}, so this is no air cut: look at mrr_sim, and at raw part, tool and zero offset of its simulation."
+
+
+def _ways(recording: Recording, missing: Collection[str]) -> Iterator[str]:
+    """How to get the columns that are missing, a sentence per way."""
+    for axis in AXES:
+        motion = (POSITION[axis], VELOCITY[axis], ACCELERATION[axis])
+        if not set(missing) & set(motion):
+            continue
+        name = "the spindle" if axis == "sp" else f"axis {axis}"
+        if any(column in recording for column in motion):
+            yield f"Derive the motion of {name} first (`pido.recordings.derive.with_motion`)."
+        else:
+            need = (VELOCITY["sp"] if axis == "sp" else POSITION[axis], CURRENT[axis])
+            units = " and ".join(f"{column} in {UNITS[column]}" for column in need)
+            yield f"Nothing of {name} was recorded: export {units} with the others, also where it stood."
+    if set(missing) & set(PROCESS):
+        yield "Simulate the process quantities along the path first (`pido.process.quantities.process_quantities`)."
 
 
 def directions(recording: Recording, machine: Machine) -> Float2D:

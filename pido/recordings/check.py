@@ -16,7 +16,7 @@ from scipy.ndimage import binary_dilation, median_filter
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION, TIME, UNITS, VELOCITY
+from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION, PROCESS, TIME, UNITS, VELOCITY
 from pido.core.machining import Machine
 from pido.core.recording import Recording, usual_step
 from pido.core.wild import wild_samples
@@ -480,8 +480,9 @@ def _parked(recording: Recording, machine: Machine | None) -> list[Fault]:
 def _engagement(recording: Recording) -> list[Fault]:
     if "mrr_sim" not in recording or np.nanmax(recording["mrr_sim"], initial=0.0) > 0:
         return []
-    what = "no sample has the tool engaged: mrr_sim is 0 throughout."
-    return [whole("never_engaged", "mrr_sim", what, "Check stock and zero point, or call it an air cut.", ERROR)]
+    loads = [name for name in PROCESS if name in recording and np.nanmax(np.abs(recording[name]), initial=0.0) > 0]
+    advice = f"{loads[0]} is not: export both as simulated." if loads else "Check stock, or call it an air cut."
+    return [whole("never_engaged", "mrr_sim", "no sample has the tool engaged: it is 0 throughout.", advice, ERROR)]
 
 
 CHECKS: tuple[Check, ...] = (

@@ -124,17 +124,13 @@ class Store:
             index.execute("COMMIT")
         return Entry(*row, new=True) if found is None else Entry(*found)
 
-    def same(self, recording: Recording) -> Entry | None:
-        """The stored part of this machine with the same measured samples, whatever it is called."""
-        return self._measured(recording.part.machine, len(recording), content.signals(recording))
-
-    def whole(self, recording: Recording) -> Recording:
-        """The recording as `add` keeps it: where the same measured samples are stored, the stored one with what this
-        one adds to it. Nothing is written."""
-        same = self.same(recording)
+    def as_kept(self, recording: Recording) -> tuple[Recording, Entry | None]:
+        """The recording as `add` keeps it, and the stored part of this machine with the same measured samples, whatever
+        it is called: where there is one, its columns with what this one adds to them. Nothing is written."""
+        same = self._measured(recording.part.machine, len(recording), content.signals(recording))
         if same is None or not self.path(same.digest).exists():
-            return recording
-        return content.completed(content.read(self.path(same.digest), None), recording).recording
+            return recording, same
+        return content.completed(content.read(self.path(same.digest), None), recording).recording, same
 
     def today(self, digests: Iterable[str]) -> dict[str, str]:
         """By digest, the one that stands for it now: of the part that it was completed to, or itself."""
@@ -150,18 +146,26 @@ class Store:
             rows = index.execute("SELECT digest FROM completed WHERE whole = ? ORDER BY digest", (digest,)).fetchall()
         return tuple(old for (old,) in rows)
 
-    def compare_currents(self, recording: Recording) -> None:
-        """Whether the currents are as large as those of the machine's newest parts; what is odd is warned of.
+    def newest_sizes(self, machine: str) -> dict[str, Sizes]:
+        """How large the currents of the machine's newest parts are, by part: what others are compared with."""
+        others = [entry for entry in self.entries(machine) if self.path(entry.digest).exists()]
+        return {entry.part: _sizes_of(self.path(entry.digest)) for entry in others[-_BESIDE:]}
+
+    def beside_stored(self, recording: Recording) -> str:
+        """What is odd about the size of the currents beside those of the machine's newest parts, '' where nothing is.
 
         Raises StoreError where they are a thousand times as large, or a thousandth: mA.
         """
-        others = [entry for entry in self.entries(recording.part.machine) if self.path(entry.digest).exists()]
-        stored = {entry.part: _sizes_of(self.path(entry.digest)) for entry in others[-_BESIDE:]}
-        found = beside(recording.part.part, sizes(recording), stored)
+        part = recording.part
+        found = beside(part.part, sizes(recording), self.newest_sizes(part.machine))
         if found is not None and found.unit:
             raise StoreError(found.words)
-        if found is not None:
-            log.warning("%s", found.words)
+        return found.words if found else ""
+
+    def compare_currents(self, recording: Recording) -> None:
+        """As `beside_stored`; what is odd is warned of."""
+        if odd := self.beside_stored(recording):
+            log.warning("%s", odd)
 
     def withdraw(self, digest: str) -> None:
         """Take a part out of the entries and give its name free; nothing is deleted. Once is enough."""
@@ -302,7 +306,8 @@ class Store:
             ours = index.execute("UPDATE entries SET digest = ? WHERE digest = ?", (digest, same.digest)).rowcount
             if ours:
                 index.execute(
-                    "INSERT OR REPLACE INTO signals VALUES (?, ?)", (digest, content.signals(recording) or "")
+                    "INSERT OR REPLACE INTO signals SELECT ?, signals FROM signals WHERE digest = ?",
+                    (digest, same.digest),
                 )
                 index.execute("UPDATE completed SET whole = ? WHERE whole = ?", (digest, same.digest))
                 index.execute("INSERT INTO completed VALUES (?, ?)", (same.digest, digest))

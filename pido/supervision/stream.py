@@ -41,7 +41,9 @@ from pido.parts import machine_of
 from pido.physics.friction import held_direction
 from pido.process.quantities import area_removal
 from pido.process.samples import engaged, may_be_engaged
+from pido.store import Store
 from pido.supervision.book import Book, alarm_id
+from pido.supervision.currents import Followed
 from pido.supervision.growing import Growing, blocks
 from pido.supervision.part import AROUND_S, Expectation, NamedAlarm, doubts, named, recorded
 from pido.supervision.residuals import Said, support
@@ -176,8 +178,9 @@ def follow_file(
     """Events of a part whose file is being written; the verdict goes into the machine's book at its end: when the file
     did not grow for `idle_s`, or when the next part is written into one of its name.
 
-    Raises RecordingError for columns that are missing, a time that cannot be one, or a rate below the method's; what
-    `monitor` raises without a model or a band.
+    Raises RecordingError for columns that are missing, a time that cannot be one, or a rate below the method's;
+    StoreError where its currents are in mA, as an arriving part is refused; what `monitor` raises without a model or a
+    band.
     """
     name = machine or workspace.settings.machine
     if name is None:
@@ -188,6 +191,7 @@ def follow_file(
     for note in expect.notes:
         log.warning("%s", note)
     stream: Stream | None = None
+    currents = Followed(Store(workspace.store), path.stem, name)
     file = Growing(path, idle_s, sleep, clock)
     for began, table in blocks(file, workspace.settings.rate_hz, workspace.settings.air_cut):
         if stream is None:
@@ -195,13 +199,15 @@ def follow_file(
             rate = 1.0 / float(np.median(step[step > 0])) if step.any() else workspace.settings.rate_hz
             place = machine_of(workspace, name)
             stream = Stream(path.stem, began, place, predict, band, rate, workspace.settings.air_cut)
+        currents.push(table)
         yield from stream.push(table)
     if stream is None:
         raise RecordingError(f"{path}: no sample was written within {idle_s:g} s.")
+    odd = currents.end()
     yield from stream.end()
     verdict = stream.verdict()
     ending = f"{path}: the next part is written into it; this one ended there. Follow it again for the next one."
-    new_notes = [*([ending] if file.replaced else []), *doubts(verdict, band)]
+    new_notes = [*([ending] if file.replaced else []), *([odd] if odd else []), *doubts(verdict, band)]
     for note in new_notes:
         log.warning("%s", note)
     notes = [*expect.notes, *new_notes]

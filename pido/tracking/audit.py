@@ -3,7 +3,9 @@ of the one before, and a seal beside the log (`pido.tracking.seal`) says how far
 a swap anywhere in it shows.
 
 In:  decisions. Out: records, one JSON line each.
-A record cut short by a crash is no record: the next append removes the torn tail.
+A record cut short by a crash is no record: the next append removes the torn tail. What a later release has written (an
+action that is not known here, a field more) is a link of the chain as any other: it is kept, counted and shown, and
+decides nothing here.
 """
 
 from __future__ import annotations
@@ -11,7 +13,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,9 @@ from pido.core.errors import RegistryError
 from pido.tracking.seal import check, seal, seal_of, whole_lines
 
 GENESIS = "0" * 64
+VERSIONS, PARTS = ("approve", "reject", "rollback"), ("withdraw", "reinstate")
+"""Actions about versions, and about parts."""
+_UNSAID = {"action": "", "machine": "", "version": 0, "bundle": "", "by": "", "reason": "", "at": ""}
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +33,7 @@ class Record:
     before. About a part, `version` is 0, `part` its digest and `name` what it was called."""
 
     number: int
-    action: str  # approve, reject, rollback; withdraw, reinstate
+    action: str  # one of VERSIONS or PARTS, or one that a later release knows
     machine: str
     version: int
     bundle: str
@@ -38,14 +44,27 @@ class Record:
     hash: str = ""
     part: str = ""
     name: str = ""
+    more: Mapping[str, Any] = field(default_factory=dict, hash=False)  # fields that a later release has written
+
+    @classmethod
+    def of(cls, line: str | bytes) -> Record:
+        """A record as it was written. Raises ValueError, with the reason, where it is none or was changed since."""
+        written = json.loads(line)
+        if not isinstance(written, dict) or not {"number", "previous", "hash"} <= written.keys():
+            raise ValueError("it cannot be read")
+        if _hash(written) != written["hash"]:
+            raise ValueError("its content does not match its hash")
+        known = {one.name for one in fields(cls)} - {"more"}
+        own = {**_UNSAID, **{k: v for k, v in written.items() if k in known}}
+        return cls(**own, more={k: v for k, v in written.items() if k not in known})
 
     def plain(self) -> dict[str, Any]:
         """As it is written: a decision about a version has no part."""
-        return {k: v for k, v in asdict(self).items() if v or k not in ("part", "name")}
+        own = asdict(self)
+        return own.pop("more") | {k: v for k, v in own.items() if v or k not in ("part", "name")}
 
     def sealed(self) -> Record:
-        fields = {k: v for k, v in self.plain().items() if k != "hash"}
-        return Record(**fields, hash=hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest())
+        return replace(self, hash=_hash(self.plain()))
 
 
 def read(path: Path) -> list[Record]:
@@ -55,12 +74,12 @@ def read(path: Path) -> list[Record]:
     records: list[Record] = []
     for number, line in enumerate(lines, start=1):
         try:
-            record = Record(**json.loads(line))
-        except (json.JSONDecodeError, TypeError):
+            record = Record.of(line)
+        except json.JSONDecodeError:
             raise RegistryError(_tampered(path, number, "it cannot be read")) from None
+        except ValueError as error:
+            raise RegistryError(_tampered(path, number, str(error))) from None
         before = records[-1].hash if records else GENESIS
-        if record.sealed().hash != record.hash:
-            raise RegistryError(_tampered(path, number, "its content does not match its hash"))
         if record.previous != before or record.number != number:
             raise RegistryError(_tampered(path, number, "it does not follow the record before it"))
         records.append(record)
@@ -101,6 +120,11 @@ def append(path: Path, record: Record) -> None:
             )
         _write(path, json.dumps(record.plain(), sort_keys=True).encode() + b"\n")
     seal(path)
+
+
+def _hash(written: Mapping[str, Any]) -> str:
+    said = {k: v for k, v in written.items() if k != "hash"}
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
 def _write(path: Path, line: bytes) -> None:

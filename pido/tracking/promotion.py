@@ -49,12 +49,13 @@ def champion(workspace: Workspace, machine: str) -> Record | None:
     if not path.exists():
         return None
     try:
-        record = Record(**json.loads(path.read_text(encoding="utf-8")))
-    except (json.JSONDecodeError, TypeError):
+        return Record.of(path.read_bytes())
+    except json.JSONDecodeError:
         raise RegistryError(f"{path}: unreadable; bring it back from a backup.") from None
-    if record.sealed().hash != record.hash:
-        raise RegistryError(f"{path}: changed outside the tool; bring it back from a backup.")
-    return record
+    except ValueError as error:
+        raise RegistryError(
+            f"{path}: {error}, so it was changed outside the tool; bring it back from a backup."
+        ) from None
 
 
 def champion_bundle(workspace: Workspace, machine: str) -> Bundle | None:
@@ -67,7 +68,7 @@ def standings(workspace: Workspace, machine: str) -> list[Standing]:
     """All versions of a machine with what became of them, oldest first."""
     versions = Ledger(workspace.ledger).versions(machine)
     now = champion(workspace, machine)
-    last = {r.version: r.action for r in history(workspace, machine)}
+    last = {r.version: r.action for r in history(workspace, machine) if r.action in audit.VERSIONS}
     today = current(workspace, machine)
 
     def state(v: Version) -> str:
@@ -93,11 +94,11 @@ def current(workspace: Workspace, machine: str) -> Version | None:
         today = None  # settings that cannot be read have no version; `pido iterate` says what is wrong with them
     if today is not None:
         return versions[today.version]
-    out = _revoked(workspace, machine).keys() | trained_on_withdrawn(workspace, machine).keys()
+    out = trained_on_revoked(workspace, machine).keys() | trained_on_withdrawn(workspace, machine).keys()
     return next((v for number, v in reversed(versions.items()) if number not in out), None)
 
 
-def _revoked(workspace: Workspace, machine: str) -> dict[int, list[str]]:
+def trained_on_revoked(workspace: Workspace, machine: str) -> dict[int, list[str]]:
     """Versions that were trained with physics that is not in force, and which."""
     entries = journal(workspace, machine)
     if not entries:
@@ -180,7 +181,7 @@ def check_version(workspace: Workspace, version: Version) -> None:
         )
     if any(r.version == number and r.action == "reject" for r in history(workspace, version.machine)):
         raise RegistryError(f"{named} was rejected and stays so; approve another version.")
-    if gone := _revoked(workspace, version.machine).get(number):
+    if gone := trained_on_revoked(workspace, version.machine).get(number):
         raise RegistryError(
             f"{named} was trained with physics that is revoked: {', '.join(gone)}. `pido iterate` trains without it, "
             "or finds the version that was, and `pido status` says which that is."
@@ -236,7 +237,7 @@ def rollback(workspace: Workspace, machine: str, *, by: str, reason: str) -> Rec
         *before, now = _in_force_one_after_another(past) or [0]
         no_more = {
             "rejected since": {r.version for r in past if r.action == "reject"},
-            "physics revoked since": set(_revoked(workspace, machine)),
+            "physics revoked since": set(trained_on_revoked(workspace, machine)),
             "parts withdrawn since": set(trained_on_withdrawn(workspace, machine)),
         }
         left = [v for v in before if v != now and not any(v in versions for versions in no_more.values())]

@@ -30,6 +30,18 @@ def elsewhere(workspace: Workspace) -> tuple[str, str]:
     return last["address"], place
 
 
+def named_nowhere(workspace: Workspace) -> str:
+    """Why this process logs nothing, a sentence: iterations were last logged at a server, and neither settings nor
+    environment of this process name any. '' where it logs."""
+    address, _ = elsewhere(workspace)
+    if not address or not workspace.tracks_alone:
+        return ""
+    return (
+        f"Not logged from here: iterations are {words(address)}. Nothing is lost: a worker or watcher that knows that "
+        "server logs it within a minute. `pido iterate --log-here` logs all of them in the workspace's own mlflow.db"
+    )
+
+
 def words(address: str) -> str:
     """What a shell that points elsewhere is told."""
     return (

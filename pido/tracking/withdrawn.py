@@ -18,7 +18,7 @@ WITHDRAW, REINSTATE = "withdraw", "reinstate"
 
 def withdrawn(workspace: Workspace, machine: str) -> dict[str, Record]:
     """By digest: the decision by which a part is out now, oldest first."""
-    last = {r.part: r for r in audit.read(workspace.decisions(machine)) if r.part}
+    last = {r.part: r for r in audit.read(workspace.decisions(machine)) if r.action in audit.PARTS}
     gone = sorted((r for r in last.values() if r.action == WITHDRAW), key=lambda r: r.number)
     return {r.part: r for r in gone}
 

@@ -1,12 +1,13 @@
 """A file is replaced whole or not at all, whoever writes it and however the writing ends."""
 
+import errno
 import stat
 import threading
 from pathlib import Path
 
 import pytest
 
-from pido.core.files import replacing, write_atomically
+from pido.core.files import refusal, replacing, write_atomically
 
 
 def test_a_failed_write_leaves_the_old_content_and_nothing_else(tmp_path):
@@ -44,3 +45,10 @@ def test_a_reader_never_sees_a_part_of_what_several_threads_write(tmp_path):
         content = path.read_bytes()
         assert len(content) == 100_000
         assert len(set(content)) == 1
+
+
+def test_an_error_of_the_disk_that_names_no_file_is_told_with_the_one_that_was_to_be_written(tmp_path):
+    with pytest.raises(OSError, match="No space left") as full, replacing(tmp_path / "model.skops"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    said = f"{tmp_path / 'model.skops'}: No space left on device. Make room there, or name another place."
+    assert refusal(full.value) == said

@@ -43,6 +43,21 @@ def test_containers_and_processes_are_the_same_services_in_the_same_order(settin
     assert [s.name for s in services(settings)] == list(COMPOSE["services"])
 
 
+def test_the_token_of_approval_reaches_the_worker_and_no_other_service(settings, monkeypatch):
+    monkeypatch.setattr(postgres, "command", lambda settings: ["postgres"])
+    monkeypatch.setattr(postgres, "user", lambda: None)
+
+    def with_it() -> list[str]:
+        return [s.name for s in services(settings) if "PIDO_APPROVAL_TOKEN" in s.environment]
+
+    assert with_it() == []
+    monkeypatch.setenv("PIDO_APPROVAL_TOKEN", "open sesame")
+    assert with_it() == ["worker"]
+    in_compose = {n for n, s in COMPOSE["services"].items() if "PIDO_APPROVAL_TOKEN" in s.get("environment", {})}
+    assert in_compose == {"worker"}
+    assert COMPOSE["services"]["worker"]["environment"]["PIDO_APPROVAL_TOKEN"] == "${PIDO_APPROVAL_TOKEN:-}"
+
+
 @pytest.mark.parametrize("name", COMPOSE["services"])
 def test_every_container_is_watched_limited_without_rights_and_not_root(name):
     service = COMPOSE["services"][name]

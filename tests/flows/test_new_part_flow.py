@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -195,6 +196,7 @@ def test_a_run_is_asked_for_by_paths_that_hold_wherever_its_worker_was_started(a
 
 
 TWO_AT_A_TIME = """
+import os
 import sys
 from pathlib import Path
 from prefect.client.orchestration import get_client
@@ -212,8 +214,11 @@ new_part.to_deployment("arrivals-elsewhere", tags=["workspace:elsewhere"]).apply
 for name in ("one", "two", "three"):
     theirs = {"workspace": "", "path": name}
     run_deployment("new-part/arrivals-elsewhere", parameters=theirs, tags=["arrival"], timeout=0)
-inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 60.0) for k in range(5)]
 clock, place = [0.0], Workspace.open(sys.argv[1])
+os.chdir(place.root)
+inbox = [Arrived(Path(f"part {k}"), str(k) * 64, 60.0) for k in range(5)]
+for one in inbox:
+    one.path.touch()
 backlog = Backlog(place, place.inbox, lambda: clock[0])
 look = _through_prefect(place, None, backlog)
 with get_client(sync_client=True) as client:
@@ -228,9 +233,10 @@ with get_client(sync_client=True) as client:
     look(inbox)
     look(inbox)
     assert asked() == [0, 1], "two at a time, the first in production order"
+    inbox[0].path.unlink()
     ends(0, Completed())
-    look(inbox[1:])
-    assert asked() == [0, 1, 2]
+    look(inbox)
+    assert asked() == [0, 1, 2], "a run took it away since the inbox was looked at: it is not asked for again"
     ends(1, Crashed())
     look(inbox[1:])
     assert asked() == [0, 1, 2, 3], "what was asked for before lets the others go first"
@@ -329,3 +335,85 @@ def _asked(address: str, about: dict) -> list[dict]:
     )
     with urllib.request.urlopen(request, timeout=10) as reply:
         return json.load(reply)
+
+
+def test_a_run_lets_those_before_it_in_production_order_go_first_unless_they_have_no_process(
+    api, tmp_path, monkeypatch
+):
+    from prefect.client.orchestration import get_client
+    from prefect.states import Failed, Pending, Running, Scheduled
+
+    from flows import ownership, turns
+    from flows.new_part import new_part
+
+    workspace, said = place(tmp_path / "plant"), []
+    early, late = deliver(workspace, 1), deliver(workspace, 2)
+    tags = [ownership.tag(workspace.root), "arrival", "machine:cmx600v"]
+    with get_client(sync_client=True) as client:
+
+        def run_in(state, path, *also):
+            run = client.create_flow_run(new_part, parameters={"workspace": "", "path": str(path)}, tags=[*tags, *also])
+            client.set_flow_run_state(run.id, state, force=True)
+            return str(run.id)
+
+        def takes_turn(path, run):
+            turns.take_turn(workspace, path, run, tags, said.append)
+
+        second = run_in(Running(), late)
+        takes_turn(late, second)  # alone
+        first = run_in(Scheduled(), early)
+        takes_turn(early, first)
+        assert not said
+        ends = iter([Pending(), Running(), Failed(message="a broken part holds up nobody")])
+        monkeypatch.setattr(turns.time, "sleep", lambda s: client.set_flow_run_state(first, next(ends), force=True))
+        takes_turn(late, second)
+        assert next(ends, "all of its states were waited for") == "all of its states were waited for"
+        [words] = said
+        assert words == "before demo-02 comes demo-01, which a run is about; it is waited for"
+
+        for _ in range(2):
+            run_in(Running(), early)  # killed: it never ends
+        monkeypatch.setattr(turns, "STARTING", timedelta(0))
+        takes_turn(late, second)
+        alive = run_in(Running(), early)
+        ends = iter([Failed()])
+        monkeypatch.setattr(turns.time, "sleep", lambda s: client.set_flow_run_state(alive, next(ends), force=True))
+        with workspace.lock(f"run {alive}"):
+            takes_turn(late, second)
+        assert not list(ends), "one that has a process is waited for, however long it takes"
+
+
+def test_a_run_that_starts_before_that_of_an_earlier_part_takes_its_part_after_it(api, tmp_path):
+    from prefect.client.orchestration import get_client
+    from prefect.states import Completed, Running
+
+    from flows import ownership
+    from flows.new_part import new_part
+
+    workspace = place(tmp_path / "plant")
+    early, late = deliver(workspace, 1), deliver(workspace, 2)
+    tags = ["arrival", "machine:cmx600v"]
+    code = (
+        "import sys, prefect; from flows.new_part import new_part\n"
+        "with prefect.tags(*sys.argv[3:]): new_part(*sys.argv[1:3])"
+    )
+    with get_client(sync_client=True) as client:
+        given = {"workspace": "", "path": str(early)}
+        first = client.create_flow_run(new_part, parameters=given, tags=[*tags, ownership.tag(workspace.root)])
+        with workspace.lock(f"run {first.id}"), (tmp_path / "log").open("w+") as log:
+            client.set_flow_run_state(first.id, Running(), force=True)
+            call = [sys.executable, "-c", code, str(workspace.root), str(late), *tags]
+            second = subprocess.Popen(call, env=os.environ.copy(), stdout=log, stderr=log)
+            try:
+                end = time.monotonic() + 60
+                while "before demo-02 comes demo-01" not in (tmp_path / "log").read_text():
+                    assert second.poll() is None, (tmp_path / "log").read_text()[-2000:]
+                    assert time.monotonic() < end, (tmp_path / "log").read_text()[-2000:]
+                    time.sleep(0.2)
+                assert flow(workspace, early).returncode == 0
+                client.set_flow_run_state(first.id, Completed(), force=True)
+                assert second.wait(120) == 0, (tmp_path / "log").read_text()[-2000:]
+            finally:
+                second.kill()
+    iterations = Ledger(workspace.ledger).iterations("cmx600v")
+    assert [one.summary["part"]["name"] for one in iterations] == ["demo-01", "demo-02"]

@@ -176,6 +176,24 @@ def test_rows_of_a_recording_without_process_quantities_are_refused_unless_it_is
     assert not air.ar.any()
 
 
+def test_a_recording_without_a_spindle_is_not_told_to_derive_its_motion_from_positions():
+    whole = as_air_cut(recorded(slot()))
+
+    def refused(*gone):
+        kept = {name: values for name, values in whole.columns.items() if name not in gone}
+        with pytest.raises(RecordingError) as error:
+            to_samples(Recording(whole.part, kept), MILL, "d", engaged_only=False)
+        return str(error.value)
+
+    said = refused("pos_sp", "v_sp", "a_sp")
+    assert "v_sp, a_sp missing" in said
+    assert "Nothing of the spindle was recorded: export v_sp in deg/s and curr_sp in A" in said
+    assert "Derive" not in said
+    assert "Derive the motion of the spindle first" in refused("a_sp")
+    assert "Derive the motion of axis y first" in refused("v_y", "a_y")
+    assert "Nothing of axis y was recorded: export pos_y in mm and curr_y in A" in refused("pos_y", "v_y", "a_y")
+
+
 PROGRAM = """G90 G94 G17
 T="T10"
 M6

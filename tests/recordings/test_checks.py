@@ -316,7 +316,11 @@ def test_all_faults_are_listed_at_once():
 def test_a_tool_that_never_cuts_is_an_error_unless_it_is_an_air_cut():
     recording = _good().with_columns(mrr_sim=np.zeros(N))
     assert check(recording) == ()
-    assert [f.kind for f in check(recording, air_cut=False)] == ["never_engaged"]
+    [fault] = check(recording, air_cut=False)
+    assert fault.kind == "never_engaged"
+    assert "air cut" in fault.advice
+    [fault] = check(recording.with_columns(f_x_sim=np.full(N, -80.0)), air_cut=False)
+    assert fault.advice == "f_x_sim is not: export both as simulated."
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 10])

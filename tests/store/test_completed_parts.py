@@ -43,7 +43,7 @@ def test_by_every_digest_that_it_had_a_part_is_found_as_it_is_now(tmp_path):
         assert entry.digest == digests[-1]
     assert set(store.before(digests[-1])) == set(digests[:2])
     assert store.today([*digests, "other"]) == {**dict.fromkeys(digests, digests[-1]), "other": "other"}
-    assert set(store.whole(part()).columns) == {"time", "curr_x", "v_x", "f_x_sim", "f_y_sim"}
+    assert set(store.as_kept(part())[0].columns) == {"time", "curr_x", "v_x", "f_x_sim", "f_y_sim"}
 
 
 def test_a_column_that_was_empty_is_completed_too(tmp_path):

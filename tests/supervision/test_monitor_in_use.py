@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 from pido.cli import pido
 from pido.cli.monitor import in_a_line
-from pido.core.errors import RecordingError, RegistryError
+from pido.core.errors import RecordingError, RegistryError, StoreError
 from pido.core.recording import Recording
 from pido.monitoring.alarms import Alarm, Verdict
 from pido.parts import samples_of
@@ -230,6 +230,23 @@ def test_a_growing_file_is_followed_to_its_end_and_its_jump_is_seen_as_it_happen
     assert events[-1]["kind"] == "end"
     assert events[-1]["samples"] == count
     assert not events[-1]["good"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1000.0, "looks like mA"), (1e-3, "multiply its currents by 1000"), (40.0, "")]
+)
+def test_currents_in_mA_are_refused_while_the_part_is_followed_as_they_are_at_arrival(plant, tmp_path, factor, said):
+    ws, part, live = Workspace.open(plant / "ws"), read_recording(plant / "good"), tmp_path / f"by {factor}.csv"
+    currents = {name: values * factor for name, values in part.columns.items() if name.startswith("curr_")}
+    _csv(write_folder(part.with_columns(**currents), tmp_path / "part"), live)
+    events = follow_file(ws, live, machine=MACHINE, idle_s=0.0)
+    if said:
+        with pytest.raises(StoreError, match=said):
+            list(events)
+        assert not [r for r in Book(ws, MACHINE).records() if r.get("part") == live.stem]
+    else:
+        *_, end = events
+        assert any("look at the export" in note for note in end["notes"])
 
 
 def test_a_file_without_what_a_model_needs_is_refused_with_the_names_of_the_columns(plant, tmp_path):

@@ -115,6 +115,29 @@ def test_a_shell_that_points_elsewhere_is_told_where_and_makes_no_database(plant
     assert "in MLflow" not in there
 
 
+def test_an_iteration_in_a_shell_that_names_no_mlflow_is_left_to_who_knows_the_server(plant, tmp_path):
+    server, own = f"sqlite:///{tmp_path / 'server.db'}", f"sqlite:///{plant / 'mlflow.db'}"
+    assert pido("iterate", "-w", plant, MLFLOW_TRACKING_URI=server).returncode == 0
+    for file in plant.glob("mlflow.db*"):
+        file.unlink()
+    third = list(made_up(3))[-1].rows(slice(0, 600))
+    part = write_folder(third, tmp_path / third.part.part)
+    done = pido("iterate", part, "-w", plant)
+    assert done.returncode == 0
+    assert "version 3" in done.stdout
+    assert f"Not logged from here: iterations are logged at {server}; this shell points elsewhere" in done.stderr
+    assert not list(plant.glob("mlflow.db*"))
+    assert (not_at(plant, server), json.loads((plant / "mlflow.json").read_text())["address"]) == (1, server)
+    code = "import sys; from pido.production import log; log(sys.argv[1])"  # as the plant's watcher does
+    subprocess.run([sys.executable, "-c", code, plant], check=True, env={**os.environ, "MLFLOW_TRACKING_URI": server})
+    assert set(data_sets(server)) == {"1", "2", "3"}
+    assert "known already" in pido("iterate", part, "-w", plant).stdout
+    assert "`pido iterate --log-here` would log them here too" in pido("status", "-w", plant).stdout
+    assert pido("iterate", "--log-here", "-w", plant).returncode == 0
+    assert set(data_sets(own)) == {"1", "2", "3"}
+    assert "elsewhere" not in pido("status", "-w", plant).stdout
+
+
 def test_the_address_that_is_kept_holds_no_password(tmp_path):
     from pido.tracking import whereabouts
 

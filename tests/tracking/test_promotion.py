@@ -13,7 +13,8 @@ import sys
 import pytest
 
 from pido.core.errors import RegistryError
-from pido.physics_journal import Entry, write
+from pido.physics_journal import Entry, journal, write
+from pido.physics_journal import in_force as now_in_force
 from pido.tracking import audit, bundle, promotion
 from pido.tracking.ledger import Ledger
 from pido.workspace import Workspace
@@ -178,6 +179,54 @@ def test_a_log_from_before_there_were_seals_and_one_whose_writer_died_before_its
     assert json.loads(head.read_text())["lines"] == 3
 
 
+def written_by_a_later_release(path, **said):
+    """A record of a kind that is not known here, chained and hashed as the format has it."""
+    *_, last = [json.loads(line) for line in path.read_text().splitlines()]
+    record = {"number": last["number"] + 1, "previous": last["hash"], "machine": MACHINE, "at": "2027-01-01", **said}
+    record["hash"] = hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
+    with path.open("a") as log:
+        log.write(json.dumps(record, sort_keys=True) + "\n")
+    return record
+
+
+def test_what_a_later_release_has_written_into_the_log_is_kept_shown_and_decides_nothing(workspace):
+    decide(promotion.reject, workspace, 2)
+    path = workspace.registry / MACHINE / "audit.jsonl"
+    about = {"version": 2, "bundle": "", "by": "C. Wu", "reason": "tool"}
+    freeze = written_by_a_later_release(path, action="freeze", until="2027-02-01", **about)
+    written_by_a_later_release(path, action="handover")
+    written_by_a_later_release(path, action="approve", version=1, bundle="b", by="D", reason="fine", station="7")
+    lines = path.read_bytes()
+    assert [r.action for r in promotion.history(workspace, MACHINE)] == ["reject", "freeze", "handover", "approve"]
+    assert promotion.standings(workspace, MACHINE)[1].state == "rejected"
+    decide(promotion.approve, workspace, 3)
+    assert path.read_bytes().startswith(lines)
+    records = audit.read(path)
+    assert (records[1].more, records[1].hash, records[4].previous) == (
+        {"until": "2027-02-01"}, freeze["hash"], records[3].hash
+    )  # fmt: skip
+    call = [sys.executable, "-m", "pido.cli", "status", "--history", "--workspace", str(workspace.root)]
+    said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
+    assert "freeze (of a later release: it decides nothing here; version 2, until 2027-02-01) by C. Wu: tool" in said
+    assert "handover (of a later release" in said
+    path.write_bytes(path.read_bytes().replace(b"2027-02-01", b"2029-02-01"))
+    with pytest.raises(RegistryError, match="record 2: its content does not match its hash"):
+        audit.read(path)
+
+
+def test_what_a_later_release_has_written_into_the_journal_of_physics_is_kept(tmp_path):
+    place = Workspace.open(tmp_path / "plant")
+    entry = Entry(1, "accept", "ab12", "x", "stribeck_friction", "A", "seen", "", {"a": 1}, "", "")
+    write(place, MACHINE, [entry])
+    digest = place.physics_digest(MACHINE)
+    later = dataclasses.replace(entry, version=2, action="measured", more={"at_temperature_c": 21})
+    write(place, MACHINE, [entry, later])
+    assert json.loads(place.physics_journal(MACHINE).read_text().splitlines()[1])["at_temperature_c"] == 21
+    assert journal(place, MACHINE) == [entry, later]
+    assert now_in_force(journal(place, MACHINE)) == [entry]
+    assert place.physics_digest(MACHINE) == digest
+
+
 def test_a_bundle_whose_model_file_was_swapped_is_not_put_in_force(workspace):
     digest = Ledger(workspace.ledger).versions(MACHINE)[0].bundle
     (workspace.bundles / digest / "model_x.skops").write_bytes(b"something else")
@@ -274,7 +323,15 @@ def test_a_rollback_passes_over_what_was_trained_with_physics_that_was_revoked_s
     write(place, MACHINE, [entry, dataclasses.replace(entry, version=2, action="revoke")])
     with pytest.raises(RegistryError, match="trained with physics that is revoked: x stribeck_friction ab12"):
         decide(promotion.approve, place, 2)
+    call = [sys.executable, "-m", "pido.cli", "status", "--workspace", str(place.root)]
+    says = "was trained with physics that is revoked: x stribeck_friction ab12"
+    assert says not in subprocess.run(call, capture_output=True, text=True, check=True).stdout
     assert decide(promotion.rollback, place).version == 1
+    decide(promotion.approve, place, 3)
+    write(place, MACHINE, [entry])
+    assert decide(promotion.approve, place, 2).version == 2
+    write(place, MACHINE, [entry, dataclasses.replace(entry, version=2, action="revoke")])
+    assert says in subprocess.run(call, capture_output=True, text=True, check=True).stdout
 
 
 def test_a_record_is_bound_to_its_content():
