@@ -59,7 +59,7 @@ _UNSEEN_IN_A_BOX = 0.02  # the same of a law in a box: there are more boxes than
 _MANY_VISITS = 12  # blocks that meet a box, of which single ones do not speak for all
 _LASTING = 0.4  # correlation with itself one row later of what acts around stops and reversals
 WORTH = 0.05  # share of the error on unseen folds that a term takes away by itself: it is no misfit of the others
-_IN_MOTION = (0.02, 0.5)  # of the power of a law along the travel: with less it is none, with more nothing is asked
+_IN_MOTION = (0.02, 0.5)  # of the power of such a law: with less it is none, with more nothing is asked
 _SMALL_EFFECT = 0.5  # noise levels: what such a small finding removes, rms where it acts
 
 
@@ -85,8 +85,10 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
         if term.mechanism.id == "thermal_drift" and dict(term.shape)["tau"] < _WARMS_S:
             return i, f"it changes within {dict(term.shape)['tau']:.3g} s: nothing warms so fast"
         others = [t for k, t in enumerate(terms) if k != i]
-        if term.mechanism.id in _ALONG_TRAVEL and not _seen_in_motion(mismatch, others, terms, effects[i]):
-            return i, "nearly all of it is at standstill, where any wave goes through the few places of the stops"
+        held_in_a_box = term.gates and bool(dict(term.shape).get("rest")) and term.mechanism.id not in AT_STOPS
+        asked = term.mechanism.id in _ALONG_TRAVEL or held_in_a_box
+        if asked and not _seen_in_motion(mismatch, others, terms, effects[i]):
+            return i, "nearly all of it is at standstill, where what is left of friction differs from stop to stop"
         single = term.mechanism.transient and lasting(mismatch, term) < _LASTING
         if single and not _goes_on(mismatch, acts, others, terms):
             return i, "it lasts for single rows only, which a rounded sign or a late sample also leaves"
@@ -132,8 +134,9 @@ def _holds_unseen(
 
 
 def _seen_in_motion(mismatch: Mismatch, others: Sequence[Term], terms: Sequence[Term], effect: Float1D) -> bool:
-    """Whether a law along the travel, `effect` (n,) in A of `terms`, is there while the axis travels: at standstill it
-    says one number for each stop, and what is left of friction differs from stop to stop by itself."""
+    """Whether a law along the travel, or a friction in a box, `effect` (n,) in A of `terms`, is there while the axis
+    travels: at standstill it says one number for each stop, and what is left of friction differs from stop to stop by
+    itself."""
     moving = np.concatenate([s.moving for s in mismatch.states]) & mismatch.usable
     power = effect**2 * mismatch.usable
     share = float(power[moving].sum()) / max(float(power.sum()), 1e-300)
