@@ -119,7 +119,9 @@ class Backlash(Mechanism):
         return turns(states)
 
     def starts(self, states):
-        return tuple(s for s in super().starts(states) if s["gap"] <= _longest(s))
+        """What fades over way is zero at rest as well: held there, it is nearly a presliding friction."""
+        every = [s for s in super().starts(states) if s["gap"] <= _longest(s)]
+        return *every, *({**s, "stands": 1.0} for s in every if s["edge"] < 2 and not s["per"])
 
     def around(self, name, shape, states):
         low, high = super().around(name, shape, states)
