@@ -22,7 +22,15 @@ from pido.diagnosis.locate import lasting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.timing import Delay, Step, shift_target
-from pido.diagnosis.timing_told import advice_of, equation_of, late_in_words, parameters_of, said_of, scheme_of
+from pido.diagnosis.timing_told import (
+    advice_of,
+    equation_of,
+    late_in_words,
+    listed,
+    parameters_of,
+    said_of,
+    scheme_of,
+)
 
 _MERGE_S = 0.5
 _NEAR_STEP_S = 0.3  # of a step in time, within which signals that jump jump with it
@@ -69,7 +77,7 @@ def input_findings(
         done = "these rows are set aside"
         if DISPLACED in reasons:
             done = "rows of a displaced position are used without it, all others are set aside"
-        named = " and ".join(filter(None, (", ".join(columns[:-1]), columns[-1])))
+        named = listed(columns)
         where = Where(
             f"{named} {'are' if len(columns) > 1 else 'is'} wrong in {len(intervals)} "
             f"place{'s' if len(intervals) > 1 else ''}, first in part {first.part} at "

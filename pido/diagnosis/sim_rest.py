@@ -24,16 +24,15 @@ _OWN = 0.1  # rms by which it must differ at rest from the sign of the last moti
 
 def with_simulated_rest(states: Sequence[AxisState]) -> tuple[AxisState, ...]:
     """The states of one axis, with what its simulation holds at rest."""
-    held = _held([s.sim for s in states], states)
+    held = _held(states)
     return tuple(states) if held is None else tuple(replace(s, sim_held=h) for s, h in zip(states, held, strict=True))
 
 
-def _held(sims: Sequence[Float1D | None], states: Sequence[AxisState]) -> list[Float1D] | None:
-    laws = [_laws(s) for s in states]
-    known = [sim for sim in sims if sim is not None]
+def _held(states: Sequence[AxisState]) -> list[Float1D] | None:
+    known = [s.sim for s in states if s.sim is not None]
     if not states or len(known) < len(states):
         return None
-    columns, sim = np.concatenate(laws), np.concatenate(known)
+    columns, sim = np.concatenate([_laws(s) for s in states]), np.concatenate(known)
     held, along = (np.concatenate([getattr(s, name) for s in states]) for name in ("held", "along"))
     moving = np.concatenate([s.moving for s in states])
     good = np.isfinite(sim) & np.isfinite(columns).all(axis=1)

@@ -54,10 +54,10 @@ def scheme_of(delay: Delay, parts: Sequence[str]) -> str:
     """What was fitted."""
     said = ["one shift for all parts"] if not delay.own and (delay.offset or delay.drift or not delay.steps) else []
     if delay.own:
-        own = _list([parts[k] for k in sorted(delay.form.own)])
+        own = listed([parts[k] for k in sorted(delay.form.own)])
         said += ["one shift in each part" if delay.in_most else f"one shift in each of {own}"]
     said += [f"one step in time in {parts[step.part]}" for step in delay.steps]
-    return _list(said)
+    return listed(said)
 
 
 def late_in_words(delay: Delay, parts: Sequence[str]) -> str:
@@ -71,7 +71,7 @@ def said_of(delay: Delay, parts: Sequence[str], dt: float) -> str:
     if not delay.steps or delay.own or delay.offset or delay.drift or any(s.doubtful for s in delay.steps):
         return ""
     places = [f"{_happened(s, dt)} in the recording of {parts[s.part]} at {s.time:.1f} s" for s in delay.steps]
-    return f"{_list(places)}: it is shifted in time from then on"
+    return f"{listed(places)}: it is shifted in time from then on"
 
 
 def advice_of(delay: Delay, parts: Sequence[str], dt: float) -> str:
@@ -79,11 +79,11 @@ def advice_of(delay: Delay, parts: Sequence[str], dt: float) -> str:
     if not delay.steps:
         return ""
     if any(s.doubtful for s in delay.steps):
-        named = _list(list(dict.fromkeys(parts[s.part] for s in delay.steps if s.doubtful)))
+        named = listed(list(dict.fromkeys(parts[s.part] for s in delay.steps if s.doubtful)))
         return f"compare the clock of the recording of {named} with that of the control at its start and its end"
     places = [f"of {parts[s.part]} at {s.time:.1f} s ({_happened(s, dt)})" for s in delay.steps]
     return (
-        f"look at how the recording {_list(places)} was written: its time column runs on as if nothing had happened. "
+        f"look at how the recording {listed(places)} was written: its time column runs on as if nothing had happened. "
         "Export it again, or cut the part there in two"
     )
 
@@ -109,7 +109,7 @@ def _in_time(delay: Delay, parts: Sequence[str]) -> list[str]:
         return []
     if len(whole) > _MOST_NAMED:
         return ["the other parts are in time"]
-    return [f"part{'s' if len(whole) > 1 else ''} {_list(whole)} {'are' if len(whole) > 1 else 'is'} in time"]
+    return [f"part{'s' if len(whole) > 1 else ''} {listed(whole)} {'are' if len(whole) > 1 else 'is'} in time"]
 
 
 def _of_step(delay: Delay, step: Step, parts: Sequence[str]) -> str:
@@ -168,7 +168,11 @@ def _size(seconds: float) -> str:
     return f"{abs(seconds):.4g} s" if abs(seconds) >= 1.0 else f"{abs(seconds) * 1e3:.3g} ms"
 
 
-def _list(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """
+    >>> listed(["p1", "p2", "p4"])
+    'p1, p2 and p4'
+    """
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
