@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
@@ -21,7 +22,7 @@ from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
-from pido.diagnosis.whiten import Noise
+from pido.diagnosis.whiten import HUBER, Noise
 
 _BINS = 300  # per part, in which ends of intervals are searched
 _MOST_PER_PART = 4
@@ -29,6 +30,8 @@ _LONGEST_SHARE = 0.6  # of a part: a longer stretch is a level of that part, not
 _WHOLE = 0.8  # of an interval, and of a stand: they are the same
 _AS_MODELLED = 1.5  # times what independent rows scatter by
 _AS_KNOWN = 20  # degrees of freedom, with which the model of the noise says how much levels scatter
+_AROUND_S = 2.0  # s, over which it is heard how loud noise is
+_BESIDE = 4  # lengths of an interval on either side of it, in which noise is as loud and as slow as within
 _FEWEST_LIKE = 8  # stretches in the same state, from which it is seen how much their levels scatter anyway
 
 
@@ -113,6 +116,8 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
     """Intervals whose level stands out of `residual` (whitened, (n,)), or None."""
     # A constant c becomes c * (1 - sum of ar) / (level * innovation) once whitened.
     unit = noise.valid * (1 - float(np.sum(noise.ar))) / (noise.level * noise.innovation)
+    loud = _loudness(mismatch, residual)
+    unit, residual = unit / loud, residual / loud
     penalty = charge(mismatch)
     found: list[tuple[int, int, int]] = []
     for p, (i, j) in enumerate(zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True)):
@@ -133,6 +138,16 @@ def find_events(mismatch: Mismatch, noise: Noise, residual: Float1D) -> External
         time, i = mismatch.states[p].time, int(mismatch.edges[p])
         intervals.append((mismatch.parts[p], float(time[first - i]), float(time[last - 1 - i]) + 1e-9))
     return ExternalForce(tuple(intervals)) if intervals else None
+
+
+def _loudness(mismatch: Mismatch, residual: Float1D) -> Float1D:
+    """(n,) – what noise scatters by around a row about its mean there, where that is more than 1."""
+    rows, out = max(3, round(_AROUND_S / mismatch.step)), np.ones(len(residual))
+    for i, j in zip(mismatch.edges[:-1], mismatch.edges[1:], strict=True):
+        here = np.clip(residual[i:j], -HUBER, HUBER)  # a force begins and ends with a peak
+        mean, square = (uniform_filter1d(x, min(rows, j - i), mode="nearest") for x in (here, here**2))
+        out[i:j] = np.sqrt(np.maximum(1.0, square - mean**2))
+    return out
 
 
 def _stands(mismatch: Mismatch) -> Int1D:
@@ -160,6 +175,8 @@ def _unlike_others(
     """The intervals (part, first row, end) whose level is so many times what levels scatter by in the same state.
 
     Noise may be slow where an axis stands or the tool is idle, and white elsewhere: one model of it does not see that.
+    It may be louder, and swing more slowly, for some seconds of any state: a level has to stand out of what scatters
+    within its own interval and on either side of it, too.
     Where the rows of no interval scatter as the model says, they are what levels are compared with; elsewhere the
     clearest interval is judged first, beside all others. A level that few others are there to compare with has to be
     the clearer (Student's t).
@@ -176,7 +193,17 @@ def _unlike_others(
         _, first, last = interval
         same = among & (state == np.bincount(state[first:last]).argmax())
         same[first:last] = False
-        return _scatter(residual[same], last - first)
+        by_state = _scatter([residual[same]], min(last - first, int(same.sum()) // _FEWEST_LIKE))
+        here = _scatter(around(interval), last - first, by_state[0])
+        return here if here[0] > by_state[0] else by_state
+
+    def around(interval: tuple[int, int, int]) -> list[Float1D]:
+        p, first, last = interval
+        reach = _BESIDE * (last - first)
+        begin, end = max(int(mismatch.edges[p]), first - reach), min(int(mismatch.edges[p + 1]), last + reach)
+        before, after = (residual[i:j][outside[i:j]] for i, j in ((begin, first), (last, end)))
+        inside = residual[first:last]
+        return [before[::-1], inside - inside.mean(), after]
 
     by_outside = {interval: scatter(interval, outside) for interval in found}
     left, kept = list(found), []
@@ -191,19 +218,23 @@ def _unlike_others(
     return sorted(kept)
 
 
-def _scatter(like: Float1D, length: int) -> tuple[float, int]:
-    """What sums over so many rows of `like` scatter by, for independent rows 1, and with how many degrees of freedom
-    that is known: few sums say little beside the model of the noise (a variance beside a prior, as Smyth 2004), and
-    beside sums over half as many rows: noise that is slower than that model scatters no less over more of them.
+def _scatter(like: Sequence[Float1D], length: int, usual: float = 1.0) -> tuple[float, int]:
+    """What sums over so many rows of stretches scatter by, for independent rows 1, and with how many degrees of freedom
+    that is known: few sums say little beside what is `usual` (a variance beside a prior, as Smyth 2004), and beside
+    sums over half as many rows: noise that is slower than its model scatters no less over more of them.
     """
-    length = max(1, min(int(length), len(like) // _FEWEST_LIKE))
-    variance, known = 1.0, _AS_KNOWN
+    variance, known = usual**2, _AS_KNOWN
+    length = max(1, int(length))
     for halvings in range(length.bit_length() - 1, -1, -1):
-        some = length >> halvings
-        sums = like[: len(like) // some * some].reshape(-1, some).sum(axis=1) / np.sqrt(some)
+        sums = np.concatenate([_sums(stretch, length >> halvings) for stretch in like])
         known = _AS_KNOWN + len(sums)
         variance = max(variance, (_AS_KNOWN * variance + float(np.sum(sums**2))) / known)
     return float(np.sqrt(variance)), known
+
+
+def _sums(values: Float1D, some: int) -> Float1D:
+    """(n // some,) – sums over so many values each, of unit variance where the values are independent and have it."""
+    return values[: len(values) // some * some].reshape(-1, some).sum(axis=1) / np.sqrt(some)
 
 
 def charge(mismatch: Mismatch) -> float:

@@ -122,6 +122,37 @@ def test_noise_that_wanders_more_slowly_than_its_model_has_no_events(tau, size, 
     assert find_events(mismatch, noise, noise.whiten(mismatch.target[None])[0]) is None
 
 
+def louder_for_some_seconds(seed) -> tuple[Mismatch, Noise]:
+    """Noise that remembers 0.3 s; how loud it is wanders over 4 s, whatever the state."""
+
+    def wander(tau):
+        memory = np.exp(-0.02 / tau)
+        return lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=6500))[500:]
+
+    rng, states = np.random.default_rng(100 + seed), axis_states(list(recordings(4, 6000)), "x")
+    mismatch = lay_out(states, [NOISE * wander(0.3) * np.exp(0.6 * wander(4.0) - 0.18) for _ in states])
+    noise = estimate_noise(mismatch.target, mismatch.starts, mismatch.noise_class, mismatch.usable)
+    return mismatch, noise_of(mismatch, noise, [])
+
+
+def test_noise_that_is_louder_for_some_seconds_has_hardly_an_event():
+    """Judged by how it scatters in all, there are 39 in these eight recordings."""
+    found = [
+        find_events(m, noise, noise.whiten(m.target[None])[0]) for m, noise in map(louder_for_some_seconds, range(8))
+    ]
+    assert sum(len(f.intervals) for f in found if f is not None) <= 2
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_noise_that_is_louder_for_some_seconds_hides_no_large_event(seed):
+    mismatch, noise = louder_for_some_seconds(seed)
+    force = [0.3 * ((s.part == "p1") & (s.time >= 50.0) & (s.time < 60.0)) for s in mismatch.states]
+    found = find_events(mismatch, noise, noise.whiten((mismatch.target + np.concatenate(force))[None])[0])
+    assert {part for part, *_ in found.intervals} == {"p1"}
+    ends = [end for _, *ends in found.intervals for end in ends]
+    assert (min(ends), max(ends)) == (pytest.approx(50.0, abs=1.0), pytest.approx(60.0, abs=1.0))
+
+
 @pytest.mark.parametrize("level", [0.0, 0.6])
 def test_noise_that_is_slow_at_standstill_makes_no_events_and_hides_no_large_one(level):
     rng = np.random.default_rng(3)
