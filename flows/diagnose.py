@@ -6,23 +6,31 @@ of `pido diagnose`, a markdown artifact, a link, and the same files with the new
 It is a run of its own, asked for by the run of the iteration, which goes on without waiting: nothing of the iteration
 depends on it. Which parts a folder is about is written into it last, so a diagnosis that was killed is done again, and
 one that MLflow has not got is logged by the next call.
+
+One of a machine at a time, whichever worker has it: a second run ends at once, and the first, when it has ended, asks
+for one of the parts that have come meanwhile.
 """
 
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from prefect import flow, get_run_logger, task
 from prefect.artifacts import create_link_artifact, create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
+from prefect.client.schemas.objects import State
+from prefect.runtime import flow_run
+from prefect.states import Completed
 
 from flows.ownership import key
 from flows.pages import call, in_markdown
-from flows.submit import alive
+from flows.submit import alive, ask_diagnosis
+from pido import wanted
 from pido.accepted import acceptable
-from pido.core.errors import DiagnosisError
+from pido.core.errors import DiagnosisError, UnavailableError
 from pido.core.files import write_atomically
 from pido.diagnoses import diagnose_into
 from pido.diagnosis.finding import Finding
@@ -34,6 +42,8 @@ from pido.workspace import Workspace, code_version
 
 PARTS = 6
 """Of the newest parts that are diagnosed together: enough to judge on parts left out, few enough for minutes."""
+MOMENT_S = 2.0
+"""Whoever only looks whether a lock is held (`Workspace.locked`) holds it that moment itself, s."""
 
 
 def due(workspace: str, machine: str, count: int = PARTS) -> bool:
@@ -41,6 +51,13 @@ def due(workspace: str, machine: str, count: int = PARTS) -> bool:
     place = Workspace.open(workspace)
     known = _known(place.diagnosis(machine))
     return known.get("of") != _of(place, machine, count) or bool(known.get("fault"))
+
+
+def ask(place: Workspace, machine: str) -> str:
+    """Ask for a diagnosis of the newest parts. Returns why nobody could be asked; the wish stays, and is asked for by
+    the watcher."""
+    wanted.wish(place, machine, _of(place, machine, PARTS))
+    return ask_diagnosis(str(place.root), machine)
 
 
 @task(name="diagnose", cache_policy=NO_CACHE, persist_result=False)
@@ -67,21 +84,22 @@ def log(workspace: str, machine: str) -> tuple[str, str]:
 
 
 @flow(name="diagnose", flow_run_name="diagnose {machine}", persist_result=False)
-def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[str, Any]:
+def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[str, Any] | State:
     """Diagnose the newest parts of a machine. What is known already is not searched for again."""
     place = Workspace.open(workspace)
-    folder = place.diagnosis(machine)
-    with alive(place), place.lock(f"diagnosis {machine}"):
-        of, found = _of(place, machine, count), _known(folder)
-        if found.get("of") != of:
-            (folder / "of.json").unlink(missing_ok=True)
-            found = {"of": of, **find(workspace, machine, count)}
-        link, found["fault"] = log(workspace, machine) if found["compared"] else ("", "")
-        write_atomically(folder / "of.json", json.dumps(found, sort_keys=True))
+    with alive(place):
+        with ExitStack() as turn:
+            try:
+                turn.enter_context(place.lock(f"diagnosis {machine}", timeout_s=MOMENT_S))
+            except UnavailableError:
+                return _folded(machine)
+            found, link = _found(place, machine, count)
+        # Looked at after the turn has ended: who wished before and could not have it has left the wish behind.
+        _ask_for_what_came_meanwhile(place, machine, found["of"])
     if found["fault"]:
         get_run_logger().warning("MLflow has not got the diagnosis (%s); the next one brings it", found["fault"])
     about = f"{in_markdown(machine)}: {len(found['lines'])} finding(s) in {len(found['parts'])} part(s)"
-    accept = acceptable(place, machine, folder) if found["lines"] else []
+    accept = acceptable(place, machine, place.diagnosis(machine)) if found["lines"] else []
     text = page(place, machine, found, accept)
     create_markdown_artifact(key=key(place, "diagnosis", machine), markdown=text, description=about)
     if link:
@@ -90,6 +108,40 @@ def diagnose_newest(workspace: str, machine: str, count: int = PARTS) -> dict[st
             key=key(place, "diagnosis-report", machine), link=link, link_text=text, description=f"[{text}]({link})"
         )
     return found
+
+
+def _found(place: Workspace, machine: str, count: int) -> tuple[dict[str, Any], str]:
+    """What the diagnosis says, made or known; where MLflow shows it."""
+    folder, root = place.diagnosis(machine), str(place.root)
+    of, found = _of(place, machine, count), _known(folder)
+    wanted.begun(place, machine, of, str(flow_run.id))
+    try:
+        if found.get("of") != of:
+            (folder / "of.json").unlink(missing_ok=True)
+            found = {"of": of, **find(root, machine, count)}
+        link, found["fault"] = log(root, machine) if found["compared"] else ("", "")
+        write_atomically(folder / "of.json", json.dumps(found, sort_keys=True))
+    except Exception as error:  # a kill is none: its wish stays as it is
+        wanted.failed(place, machine, of, str(error) or type(error).__name__)
+        raise
+    wanted.done(place, machine, of)
+    return found, link
+
+
+def _folded(machine: str) -> State:
+    words = f"A diagnosis of {machine} is at work; when it has ended, it asks for one of what has come meanwhile."
+    get_run_logger().info("%s", words)
+    return Completed(name="Folded", message=words)
+
+
+def _ask_for_what_came_meanwhile(place: Workspace, machine: str, of: list[str]) -> None:
+    left = wanted.of_machine(place, machine)
+    if left is None or left.fault:
+        return
+    if _of(place, machine, PARTS) == of:
+        wanted.done(place, machine, left.of)
+    elif missing := ask_diagnosis(str(place.root), machine):
+        get_run_logger().warning("no diagnosis of what came meanwhile: %s", missing)
 
 
 def line(finding: Finding) -> str:

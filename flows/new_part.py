@@ -21,10 +21,10 @@ from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Completed
 
-from flows.diagnose import due
+from flows.diagnose import ask, due
 from flows.ownership import key
 from flows.pages import call, in_markdown
-from flows.submit import alive, ask_diagnosis
+from flows.submit import alive
 from flows.turns import take_turn
 from pido import departures, parts, production
 from pido.core.errors import PidoError, UnavailableError
@@ -82,7 +82,7 @@ def new_part(workspace: str, path: str, machine: str | None = None, patient: boo
                 return _left(f"It cannot be used as it is, and may still be on its way: {refused}")
             departures.reject(place, Path(path), refused.key, str(refused), move=True, machine=refused.machine)
             raise
-        outcome = iteration(workspace, arrived["machine"], arrived["part"], name=arrived["name"])
+        outcome = iteration(workspace, arrived["machine"], arrived["part"], name=arrived["name"], told=arrived["told"])
         departures.put_away(place, Path(path), arrived["key"])
         return outcome
 
@@ -107,8 +107,11 @@ def nightly(workspace: str) -> list[dict[str, Any]]:
         return production.every_machine(workspace, lambda machine: iteration(workspace, machine, None), log)[0]
 
 
-def iteration(workspace: str, machine: str, part: str | None, name: str = "") -> dict[str, Any]:
-    """The stages of one iteration, inside the machine's lock. part, name : of the arriving part"""
+def iteration(workspace: str, machine: str, part: str | None, name: str = "", told: str = "") -> dict[str, Any]:
+    """The stages of one iteration, inside the machine's lock.
+
+    part, name, told : of the arriving part (`parts.ingest`)
+    """
     logger, place = get_run_logger(), Workspace.open(workspace)
     with place.lock(machine):
         run_key = begin(workspace, machine, part)
@@ -125,10 +128,10 @@ def iteration(workspace: str, machine: str, part: str | None, name: str = "") ->
         fault = log(workspace)["fault"]
         outcome = production.outcome(workspace, run_key)
         if not owed:
-            said = nothing_new(machine, name, outcome["version"])
+            said = nothing_new(machine, name, outcome["version"]) + (told and f" {told}.")
             logger.info(said)
             create_markdown_artifact(markdown=in_markdown(said), description=in_markdown(said))  # of this run alone
-        if (owed or part is None) and due(workspace, machine) and (missing := ask_diagnosis(str(place.root), machine)):
+        if (owed or part is None) and due(workspace, machine) and (missing := ask(place, machine)):
             logger.warning("no diagnosis: %s", missing)
         if owed:
             text, headline = page(place, outcome, fault), _headline(outcome)

@@ -29,6 +29,7 @@ from prefect.settings import PREFECT_API_URL
 from prefect.states import Crashed
 
 from flows import ownership
+from pido import wanted
 from pido.arrivals import machine_said
 from pido.workspace import Workspace, digest_of, without_secrets
 
@@ -42,6 +43,9 @@ DIAGNOSIS = "diagnose"
 WAITING = [StateType.SCHEDULED, StateType.PENDING]
 BUSY = [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING]
 LIVE = [*WAITING, StateType.RUNNING, StateType.PAUSED, StateType.CANCELLING]
+DECIDED = [StateType.FAILED, StateType.CANCELLED]
+ENDED = [*DECIDED, StateType.COMPLETED, StateType.CRASHED]
+LONG_AGO = datetime.min.replace(tzinfo=UTC)
 SILENT = timedelta(seconds=30)
 STARTING = timedelta(seconds=75)
 """A run that is about to start has no process of its own yet; it is forked within a second (`flows.warm`)."""
@@ -98,24 +102,57 @@ def submit(
     return True
 
 
-def ask_diagnosis(workspace: str, machine: str) -> str:
+def ask_diagnosis(workspace: str, machine: str, *, instead_of: str | None = None) -> str:
     """Ask for a diagnosis of the machine's newest parts; one that is waiting already will see them too.
 
+    instead_of : the run that was lost, '' where it had not begun; None where none was lost
     Returns why it was not asked for, '' if it was: whatever it is, the iteration is done and stays so.
     """
-    tag = f"diagnosis:{digest_of(machine)[:16]}"
+    tag = _diagnosis_of(machine)
     try:
         with get_client(sync_client=True) as client:
-            if runs(client, [ownership.tag(workspace), tag], WAITING):
-                return ""
-            ours = ownership.deployment(client, workspace, DIAGNOSIS)
-        parameters = {"workspace": workspace, "machine": machine}
-        run_deployment(ours.id, parameters=parameters, tags=[tag], timeout=0, as_subflow=False)
+            if not runs(client, [ownership.tag(workspace), tag], WAITING):
+                ours = ownership.deployment(client, workspace, DIAGNOSIS)
+                parameters = {"workspace": workspace, "machine": machine}
+                run_deployment(ours.id, parameters=parameters, tags=[tag], timeout=0, as_subflow=False)
     except ownership.NotServedError as error:
         return str(error)
     except AWAY as error:
         return f"Prefect cannot be asked ({error})"
+    wanted.asked(Workspace.open(workspace), machine, instead_of)
     return ""
+
+
+def ask_again(workspace: Workspace) -> int:
+    """Ask once more, and once only, for each diagnosis whose run was lost, and for each that nobody could be asked for.
+    Returns for how many. One that failed, or that a person cancelled, is not asked for again.
+
+    After `sweep`: a run that says Running without a process counts as one that is at work.
+    """
+    count = 0
+    for one in wanted.wanted(workspace):
+        if one.fault or one.again:
+            continue
+        tags = [ownership.tag(workspace.root), _diagnosis_of(one.machine)]
+        with get_client(sync_client=True) as client:
+            if runs(client, tags):
+                continue
+            last = max(runs(client, tags, ENDED), key=lambda run: run.created or LONG_AGO, default=None)
+        if one.asked and last is not None and last.state is not None and last.state.type in DECIDED:
+            said = (last.state.message or "").strip().splitlines()[:1]
+            fault = "it was cancelled in Prefect" if last.state.type == StateType.CANCELLED else "".join(said)
+            wanted.failed(workspace, one.machine, one.of, fault.rstrip(".") or "see its run in Prefect")
+        elif missing := ask_diagnosis(str(workspace.root), one.machine, instead_of=one.run if one.asked else None):
+            log.warning("no diagnosis of %s yet: %s", one.machine, missing)
+        else:
+            count += 1
+            log.info("asked Prefect to diagnose %s%s", one.machine, " again: its run was lost" if one.asked else "")
+    return count
+
+
+def _diagnosis_of(machine: str) -> str:
+    """Tag of the runs that diagnose it."""
+    return f"diagnosis:{digest_of(machine)[:16]}"
 
 
 @contextmanager

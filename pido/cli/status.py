@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 def command(folder: Path, as_json: bool, history: bool) -> None:
     """Champion and challenger of each machine, the gate's words, accepted physics, and arrivals that lie in a watched
     inbox and are still to be done, or that were rejected and not put right since (a later one of the same name and
-    machine was taken in).
+    machine was taken in); diagnoses that were asked for and are not done.
 
     \b
     pido status --workspace plant --history
     """
     from dataclasses import asdict
 
+    from pido import wanted
     from pido.backlog import standing
     from pido.core.clock import utc
     from pido.core.names import one_line
@@ -80,6 +81,7 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
             for a in ledger.rejections()
         ],
         "still_to_do": [asdict(one) for one in standing(workspace)],
+        "diagnoses_to_do": [asdict(one) | {"state": wanted.words(workspace, one)} for one in wanted.wanted(workspace)],
         "not_in_mlflow_yet": len(ledger.not_logged(there or workspace.tracking_place)),
         "mlflow_at": logged_at or without_secrets(workspace.tracking_uri),
         "mlflow_looks_in": left_behind(workspace),
@@ -128,6 +130,8 @@ def command(folder: Path, as_json: bool, history: bool) -> None:
         tried = f", tried {one['tries']} time(s)" if one["tries"] else ", waiting"
         reason = f": {one_line(one['reason'])}" if one["reason"] else ""
         click.echo(f"still to do  {one_line(Path(one['path']).name)}{tried}{reason}")
+    for one in answer["diagnoses_to_do"]:
+        click.echo(f"diagnosis  {one_line(one['machine'])}: {one_line(one['state'])}")
     if logged_at:
         done = sum(len(ledger.iterations(machine)) for machine in now) - answer["not_in_mlflow_yet"]
         here = "`pido iterate --log-here`" if workspace.tracks_alone else "`pido iterate`"

@@ -27,7 +27,7 @@ BEAT_S = 10.0
 FIRST_WORD_S, LAST_WORD_S = 60.0, 3600.0
 """After which time a state that lasts is told again, and the longest such time, s."""
 SWEEP_S = 30.0
-"""How often runs without a process are looked for, and MLflow is told what it has missed, s."""
+"""How often runs without a process are looked for, their diagnoses asked for anew, MLflow told what it missed, s."""
 
 
 @click.command()
@@ -120,7 +120,7 @@ def _silent(done: int, total: int, what: str) -> None:
 
 
 def _through_prefect(workspace: Workspace, machine: str | None, backlog: Backlog) -> Callable[[list[Arrived]], None]:
-    from flows.submit import AWAY, fault_of, submit, sweep
+    from flows.submit import AWAY, ask_again, fault_of, submit, sweep
     from pido.arrivals import may_have_paused
 
     due, tell = _every(SWEEP_S), _Told()
@@ -140,6 +140,7 @@ def _through_prefect(workspace: Workspace, machine: str | None, backlog: Backlog
             if due():
                 asked = True
                 sweep(workspace)
+                ask_again(workspace)
         except AWAY as error:
             backlog.held(fault_of(error))
             tell(f"{fault_of(error)}; what has arrived waits, and is asked for then")
