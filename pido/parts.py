@@ -43,9 +43,10 @@ log = logging.getLogger(__name__)
 
 
 def ingest(root: str, path: str, machine: str | None = None) -> dict[str, Any]:
-    """Take an arrival in: {'machine', 'part' (digest), 'name', 'new', 'key'}. A known one changes nothing.
+    """Take an arrival in: {'machine', 'part' (digest), 'name', 'new', 'key', 'told'}. A known one changes nothing.
 
     key : the digest of what arrived; by it the arrival leaves the inbox (`pido.departures`)
+    told : what its part.json says otherwise than that of the known part with its samples, and what to do, or ''
     Raises Refused for what cannot be used, again for what was rejected before, and for what another machine than the
     one it goes by has already; Changed for what is not at rest;
     UnavailableError or SettingsError where disk or settings are at fault, and not the part.
@@ -207,7 +208,14 @@ def _elsewhere(path: Path, entry: Entry, named: str) -> str:
 
 
 def _answer(entry: Entry, key: str) -> dict[str, Any]:
-    return {"machine": entry.machine, "part": entry.digest, "name": entry.part, "new": entry.new, "key": key}
+    return {
+        "machine": entry.machine,
+        "part": entry.digest,
+        "name": entry.part,
+        "new": entry.new,
+        "key": key,
+        "told": entry.told,
+    }
 
 
 def _marks(path: Path) -> list[tuple[str, int, int, int]]:

@@ -101,7 +101,7 @@ def command(
                 "reason": reason or None,
                 "rejected": str(rejected) if rejected else None,
                 "faults": [f.as_dict() for f in faults],
-                "notes": list(notes),
+                "notes": [*notes, *([entry.told] if entry and entry.told else [])],
             }
             click.echo(orjson.dumps(row).decode())
             continue

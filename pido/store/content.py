@@ -26,6 +26,7 @@ from pido.core.recording import Recording
 
 MEASURED = (TIME, *(f"pos_{axis}" for axis in AXES), *CURRENT.values())
 """What a machine measures, and nobody says or derives: two recordings that are equal in it are one."""
+_LONGEST = 80
 
 
 def digest(recording: Recording) -> str:
@@ -75,6 +76,26 @@ def completed(stored: Recording, again: Recording) -> Completed:
     )  # fmt: skip
 
 
+IDENTIFYING = frozenset({"part", "machine", "order", "start_time_s", "duration_s", "sample_rate_hz"})
+"""What a part.json says of which recording this is; all else says what was cut with what, from which rows follow."""
+
+
+def says_otherwise(stored: PartInfo, again: PartInfo) -> dict[str, str]:
+    """What another part.json of the same samples says otherwise, by key, in words; empty where nothing.
+
+    >>> says_otherwise(PartInfo(part="p1", machine="m", material="C45"), PartInfo(part="p1", machine="m"))
+    {'material': 'material (stored: "C45", here: nothing)'}
+    """
+    kept, came = (one.model_dump(mode="json", exclude_defaults=True) for one in (stored, again))
+    differ = [name for name in type(stored).model_fields if kept.get(name) != came.get(name)]
+    return {name: f"{name} (stored: {_brief(kept.get(name))}, here: {_brief(came.get(name))})" for name in differ}
+
+
+def _brief(value: Any) -> str:
+    text = "nothing" if value is None else orjson.dumps(value).decode()
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
+
+
 def _has_values(values: Array1D) -> bool:
     return any(v is not None for v in values) if values.dtype == object else bool(np.isfinite(values).any())
 
@@ -117,6 +138,11 @@ def write(recording: Recording, source: str, path: Path) -> None:
         use_dictionary=False,
         column_encoding={n: "BYTE_STREAM_SPLIT" for n, a in arrays.items() if pa.types.is_floating(a.type)},
     )
+
+
+def described(path: Path) -> PartInfo:
+    """What is known about a stored part. Raises StoreError where it cannot be read."""
+    return read(path, ()).part
 
 
 def read(path: Path, columns: Iterable[str] | None, missing_ok: bool = False) -> Recording:

@@ -14,6 +14,9 @@ content takes it over. SQLite serialises two processes; the second of two equal 
 A part that was withdrawn keeps its file and its line; it is no longer among the entries, and its name is free for
 another recording. Who withdrew it and why is in a workspace's audit log (`pido.withdrawal`).
 
+The same samples under a part.json that says otherwise are the stored part, which stays as it is: what differs is said.
+Where that part was withdrawn, and what was cut with what is said otherwise, they are a part of its own: the corrected.
+
 A recording that comes again with further columns completes the stored one: a new file beside the old one, which stays,
 and the part's entry is the new one from then on. By the old digest the old content is still read.
 """
@@ -33,6 +36,7 @@ from pathlib import Path
 from pido.core.errors import StoreError, UnavailableError
 from pido.core.files import replacing
 from pido.core.names import file_name
+from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.store import content
 from pido.store.sizes import COLUMNS, Sizes, beside, sizes
@@ -61,7 +65,7 @@ _FIELDS = 'digest, machine, part, "order", start_time_s, samples, source'
 @dataclass(frozen=True, slots=True)
 class Entry:
     """What the index knows about one stored part. `new` says whether `add` just stored it; `gained`: the columns with
-    which `add` just completed it."""
+    which `add` just completed it; `told`: what the part.json that `add` got says otherwise, and what to do, or ''."""
 
     digest: str
     machine: str
@@ -72,6 +76,7 @@ class Entry:
     source: str
     new: bool = False
     gained: tuple[str, ...] = ()
+    told: str = ""
 
 
 class Store:
@@ -97,7 +102,9 @@ class Store:
         if known is not None and self.path(digest).exists():
             return known
         signals = content.signals(recording)
-        same = self._measured(part.machine, len(recording), signals)
+        twin = self._measured(part.machine, len(recording), signals)
+        corrected = twin is not None and self._corrects(twin, recording)
+        same = None if corrected else twin
         if same is not None:
             self._refuse_withdrawn(same.digest)
         if same is not None and same.digest != digest:  # its own file may be gone, and is written again
@@ -109,7 +116,8 @@ class Store:
         with self._connect() as index:
             index.execute("BEGIN IMMEDIATE")
             found = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
-            if found is None and (same := _same(index, part.machine, signals)) is not None:
+            same = _same(index, part.machine, signals)
+            if found is None and same is not None and not (corrected and twin is not None and same == twin):
                 index.execute("ROLLBACK")  # another process was first
                 return self._complete(same, recording, source)
             if found is None:
@@ -126,8 +134,11 @@ class Store:
 
     def as_kept(self, recording: Recording) -> tuple[Recording, Entry | None]:
         """The recording as `add` keeps it, and the stored part of this machine with the same measured samples, whatever
-        it is called: where there is one, its columns with what this one adds to them. Nothing is written."""
+        it is called, unless it was withdrawn and this one corrects it: where there is one, its columns with what this
+        one adds to them. Nothing is written."""
         same = self._measured(recording.part.machine, len(recording), content.signals(recording))
+        if same is not None and self._corrects(same, recording):
+            return recording, None
         if same is None or not self.path(same.digest).exists():
             return recording, same
         return content.completed(content.read(self.path(same.digest), None), recording).recording, same
@@ -180,10 +191,16 @@ class Store:
             index.execute("COMMIT")
 
     def reinstate(self, digest: str) -> None:
-        """Bring a withdrawn part back. Raises StoreError where another part has its name by now."""
+        """Bring a withdrawn part back. Raises StoreError where another part has its name or its samples by now."""
         with self._connect() as index:
             index.execute("BEGIN IMMEDIATE")
             row = index.execute("SELECT part FROM withdrawn WHERE digest = ?", (digest,)).fetchone()
+            if row is not None and (other := _same_samples(index, digest)):
+                index.execute("ROLLBACK")
+                raise StoreError(
+                    f"part '{row[0]}' ({digest[:12]}) cannot come back: part '{other}' has its samples, with another "
+                    "description. Withdraw that one first."
+                )
             if row is not None:
                 try:
                     index.execute("UPDATE entries SET part = ? WHERE digest = ?", (row[0], digest))
@@ -296,7 +313,9 @@ class Store:
     def _complete(self, same: Entry, recording: Recording, source: str) -> Entry:
         if not self.path(same.digest).exists():
             return self._say_same(same, recording, "")
-        found = content.completed(content.read(self.path(same.digest), None), recording)
+        stored = content.read(self.path(same.digest), None)
+        found = content.completed(stored, recording)
+        same = replace(same, told=_told(same, stored.part, recording.part))
         if not found.gained:
             return self._say_same(same, recording, found.left_out)
         digest = content.digest(found.recording)
@@ -315,8 +334,9 @@ class Store:
         if not ours:  # another process was first
             return self.add(recording, source)
         log.warning(
-            "part '%s' of machine '%s' has the samples of '%s' (%s) and brings %s: they complete it (now %s)",
+            "part '%s' of machine '%s' has the samples of '%s' (%s) and brings %s: they complete it (now %s)%s",
             recording.part.part, same.machine, same.part, same.digest[:12], ", ".join(found.gained), digest[:12],
+            same.told and f". {same.told}",
         )  # fmt: skip
         return replace(same, digest=digest, gained=found.gained)
 
@@ -342,10 +362,18 @@ class Store:
     def _say_same(self, same: Entry, recording: Recording, left_out: str) -> Entry:
         log.warning(
             "part '%s' of machine '%s' has the samples of '%s' (%s), which is in the store already: it is the same "
-            "recording, whatever its part.json says, and is not learnt from twice%s",
-            recording.part.part, same.machine, same.part, same.digest[:12], left_out and f". {left_out}",
+            "recording, whatever its part.json says, and is not learnt from twice%s%s",
+            recording.part.part, same.machine, same.part, same.digest[:12], same.told and f". {same.told}",
+            left_out and f". {left_out}",
         )  # fmt: skip
         return same
+
+    def _corrects(self, same: Entry, recording: Recording) -> bool:
+        """Whether the stored part with these samples was withdrawn, and another description of what was cut comes."""
+        if not self.why_withdrawn(same.digest) or not self.path(same.digest).exists():
+            return False
+        otherwise = content.says_otherwise(content.described(self.path(same.digest)), recording.part)
+        return bool(otherwise.keys() - content.IDENTIFYING)
 
     def _refuse_withdrawn(self, digest: str) -> None:
         if gone := self.why_withdrawn(digest):
@@ -397,10 +425,33 @@ def _same(index: sqlite3.Connection, machine: str, signals: str | None) -> Entry
     fields = ", ".join(f"e.{name}" for name in _FIELDS.split(", "))
     row = index.execute(
         f"SELECT {fields} FROM entries e JOIN signals s ON s.digest = e.digest "
-        'WHERE e.machine = ? AND s.signals = ? ORDER BY e."order", e.start_time_s, e.digest LIMIT 1',
+        "WHERE e.machine = ? AND s.signals = ? "
+        'ORDER BY e.digest IN (SELECT digest FROM withdrawn), e."order", e.start_time_s, e.digest LIMIT 1',
         (machine, signals),
     ).fetchone()
     return None if row is None else Entry(*row)
+
+
+def _same_samples(index: sqlite3.Connection, digest: str) -> str:
+    """Which other part, that was not withdrawn, has the samples of this one; '' where none."""
+    row = index.execute(
+        "SELECT e.part FROM entries e JOIN signals s ON s.digest = e.digest JOIN entries own ON own.digest = ?1 "
+        "WHERE e.digest != ?1 AND e.machine = own.machine AND e.digest NOT IN (SELECT digest FROM withdrawn) "
+        "AND s.signals = (SELECT signals FROM signals WHERE digest = ?1 AND signals != '')",
+        (digest,),
+    ).fetchone()
+    return "" if row is None else row[0]
+
+
+def _told(same: Entry, stored: PartInfo, again: PartInfo) -> str:
+    """What a second part.json says otherwise, and what to do, in sentences; '' where nothing."""
+    otherwise = content.says_otherwise(stored, again)
+    if not otherwise:
+        return ""
+    says = f"Its part.json says otherwise: {', '.join(otherwise.values())}. What is stored stays"
+    if otherwise.keys() <= content.IDENTIFYING:
+        return says
+    return f"{says}; if it is wrong, `pido withdraw {same.digest[:12]}`, then bring this one again"
 
 
 def _move(path: Path, place: Path) -> None:
