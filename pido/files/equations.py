@@ -79,7 +79,7 @@ def dump(value: AxisEquations | Adaptation) -> bytes:
 
     header = np.frombuffer(json.dumps(encode(value)).encode(), np.uint8)
     buffer = io.BytesIO()
-    np.savez(buffer, header=header, **{f"array_{k}": array for k, array in enumerate(arrays)})  # type: ignore[arg-type]
+    np.savez_compressed(buffer, header=header, **{f"array_{k}": array for k, array in enumerate(arrays)})  # type: ignore[arg-type]
     return buffer.getvalue()
 
 

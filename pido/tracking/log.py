@@ -24,10 +24,10 @@ from pido.core.columns import CURRENT
 from pido.core.errors import PidoError, RegistryError, StoreError
 from pido.reports.iteration import iteration_page
 from pido.reports.page import write_page
-from pido.tracking import model_files, report_files
+from pido.tracking import descriptions, model_files, report_files
 from pido.tracking.bundle import Bundle, load
 from pido.tracking.fate import fate
-from pido.tracking.figures import figures, markdown, table
+from pido.tracking.figures import figures, table
 from pido.tracking.ledger import Iteration, Ledger
 from pido.tracking.mirror import behind, reconcile
 from pido.tracking.mlflow_store import (
@@ -141,7 +141,7 @@ def _write(
     if left_out:
         tags["pido.left_out"] = left_out
         log.warning("version %d of %s: %s", iteration.version, iteration.machine, left_out)
-    tags["mlflow.note.content"] = _note(summary, iteration.version) + (f"\n\n{left_out}" if left_out else "")
+    tags[descriptions.NOTE] = descriptions.of_run(summary, iteration.version) + (f"\n\n{left_out}" if left_out else "")
     run = store.create_run(place, run_name=f"{summary['part']['name']} -> v{iteration.version}", tags=tags)
     run_id = run.info.run_id
     with mlflow.start_run(run_id=run_id):
@@ -227,22 +227,21 @@ def _register(workspace: Workspace, store: MlflowClient, run_id: str, iteration:
         estimator = model_files.load(data)
         example = pd.read_json(bundle.folder / f"{axis}.example.json", orient="split").astype(float)
         answer = pd.DataFrame({CURRENT[axis]: estimator.predict(example.to_numpy())})
-        info = mlflow.sklearn.log_model(  # type: ignore[attr-defined]
-            estimator,
-            name=f"model_{axis}",
-            signature=infer_signature(example, answer),
-            input_example=example,
-            serialization_format="skops",
-            skops_trusted_types=list(model_files.trusted_types(data)),
-            pip_requirements=model_files.requirements(),
-        )
-        if not store.search_registered_models(f"name = '{name}'"):
-            store.create_registered_model(
-                name, description=f"motor current of axis {axis}, machine {iteration.machine}"
+        with model_files.compressed():
+            info = mlflow.sklearn.log_model(  # type: ignore[attr-defined]
+                estimator,
+                name=f"model_{axis}",
+                signature=infer_signature(example, answer),
+                input_example=example,
+                serialization_format="skops",
+                skops_trusted_types=list(model_files.trusted_types(data)),
+                pip_requirements=model_files.requirements(),
             )
+        if not store.search_registered_models(f"name = '{name}'"):
+            store.create_registered_model(name, description=descriptions.of_model(axis, iteration.machine))
         store.create_model_version(
             name, source=info.model_uri, run_id=run_id, tags=tags, model_id=info.model_id,
-            description=iteration.summary.get("gate", {}).get("words", ""),
+            description=descriptions.of_version(axis, iteration.version, iteration.summary),
         )  # fmt: skip
 
 
@@ -282,15 +281,3 @@ def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def _param(value: Any) -> str:
     text = str(value)
     return text if len(text) <= 500 else text[:480] + " … (in summary.json)"
-
-
-def _note(summary: dict[str, Any], version: int) -> str:
-    """The first thing an engineer reads on the run's page."""
-    lines = [
-        f"**Version {version}** after part *{summary['part']['name'].replace('*', '')}*, trained on "
-        f"{len(summary['parts'])} part(s). Gate: {summary['gate'].get('words', '')}",
-        "",
-        *markdown(summary["metrics"]),
-        *(f"\n{words}" for words in summary.get("physics", {}).get("words", [])),
-    ]
-    return "\n".join(lines)

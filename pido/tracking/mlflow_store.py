@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from pido.core.axes import AXES
 from pido.core.names import file_name
+from pido.tracking.descriptions import NOTE, of_experiment
 from pido.tracking.ledger import Ledger
 from pido.tracking.moved import FOLDER, settle
 from pido.workspace import Workspace, without_secrets
@@ -127,7 +128,7 @@ def ending(workspace: Workspace, store: MlflowClient, machine: str) -> str:
 def experiment(workspace: Workspace, store: MlflowClient, machine: str) -> str:
     """Id of the machine's experiment; artifacts of the embedded store lie in the workspace."""
     name = _experiment(machine, ending(workspace, store, machine))
-    wanted = {KIND: TRAINING, OWNER: workspace.id}
+    wanted = {KIND: TRAINING, OWNER: workspace.id, NOTE: of_experiment(machine)}
     found = store.get_experiment_by_name(name)
     if found is not None:
         for tag, value in wanted.items():

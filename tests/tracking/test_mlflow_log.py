@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from plain_parts import parts as made_up
 from pido import plain
 from pido.cli.iterate import command as iterate
 from pido.cli.status import command as status
+from pido.core.axes import AXES
 from pido.recordings.folder import write_folder
 from pido.tracking import promotion
 from pido.tracking.ledger import Ledger
@@ -232,3 +234,36 @@ def test_a_server_that_is_away_holds_no_iteration_up(tmp_path, monkeypatch):
     assert [one["version"] for one in answer["done"]] == [1]
     assert "127.0.0.1" in answer["fault"]
     assert len(Ledger(place.ledger).not_logged(place.tracking_place)) == 1
+
+
+def test_who_does_not_know_pido_reads_on_mlflows_pages_what_is_what(workspace):
+    run = finished_runs(workspace)[0]
+    with client(workspace) as store:
+        about = store.get_experiment(experiment(workspace, store, MACHINE)).tags["mlflow.note.content"]
+        models = {axis: store.get_registered_model(name) for axis, name in model_names(MACHINE).items()}
+        newest = store.search_model_versions(f"name = '{model_names(MACHINE)['sp']}'")[0]
+    words = run.data.tags["mlflow.note.content"]
+    for name in run.data.metrics:
+        group, _, which = name.partition("/")
+        measure = group.rsplit("_", 1)[0] if group.rsplit("_", 1)[-1] in AXES else group
+        assert measure in words or group == "rows", f"{name} is not explained"
+        assert group in ("balance", "seconds", "rows") or which in words, f"{name} is not explained"
+        assert measure in about or group == "rows"
+    assert all(f"{each.dataset.name}" in words for each in run.inputs.dataset_inputs)
+    assert MACHINE in about
+    assert "pido approve" in about
+    assert "Motor current of the spindle of machine cmx600v in A" in models["sp"].description
+    assert "Motor current of axis x of" in models["x"].description
+    assert newest.description.startswith("Version 2, the spindle after part demo-02. Gate, over all axes: ")
+
+
+def test_models_and_equations_are_compressed_on_disk_in_the_bundle_and_in_mlflow(workspace):
+    """Uncompressed they were three times as large, and most of what an iteration leaves."""
+    bundles = [*workspace.bundles.rglob("*.skops"), *workspace.bundles.rglob("equations.npz")]
+    logged = list((workspace.root / "mlartifacts").rglob("*.skops"))
+    assert bundles
+    assert logged
+    for file in [*bundles, *logged]:
+        with zipfile.ZipFile(file) as archive:
+            inside = archive.infolist()
+        assert sum(one.compress_size for one in inside) < 0.6 * sum(one.file_size for one in inside), file
