@@ -68,6 +68,19 @@ def test_the_notebook_has_the_cells_of_the_script_that_runs():
 
 
 @pytest.mark.thorough
+def test_the_notebook_runs_in_a_kernel_of_jupyter(tmp_path):
+    """As a person opens and runs it; where Jupyter is not installed, the script with the same cells stands for it."""
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    notebook = nbformat.read(GUIDE / "library.ipynb", 4)
+    nbformat.validate(notebook)
+    where = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=900, kernel_name="python3", resources=where).execute()
+    printed = "".join(o.get("text", "") for cell in notebook.cells for o in cell.get("outputs", ()))
+    assert re.search(r"concealed was: \w+ torque_ripple", printed)
+
+
+@pytest.mark.thorough
 def test_the_command_line_path_runs_and_finds_what_was_concealed(tmp_path):
     printed = follow(GUIDE / "command-line.md", tmp_path)
     diagnosis = next(text for command, text in printed.items() if command.startswith("pido diagnose"))
