@@ -293,7 +293,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise SettingsFileError(f"{path}: no such settings file. Bring it back, or correct what names it.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SettingsFileError(f"{path}: not a TOML file: {error}") from None
+        raise SettingsFileError(f"{path}: not a TOML file: {error}. Correct it, or name another.") from None
 
 
 def material(name: str, own: Path | None = None) -> Material:

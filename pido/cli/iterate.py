@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +52,13 @@ def command(
     from pido.core.errors import InputError
     from pido.workspace import Workspace
 
+    if not paths and not any((folder / name).exists() for name in ("ledger.db", "workspace.toml")):
+        raise InputError(
+            f"{folder}: no workspace here, so there is nothing to retrain on. Name one with --workspace, or make one "
+            f"by taking a part in: pido iterate PART --workspace {folder}"
+        )
+    if paths and not any(os.path.lexists(path) for path in paths):
+        raise InputError("\n".join(f"{path}: no such file or folder. Name a part that is there." for path in paths))
     for path in paths:
         if folder.resolve().is_relative_to(path.resolve()):
             raise InputError(f"{path}: holds the workspace {folder}, which changes. Put one beside the other.")
@@ -65,10 +73,13 @@ def command(
         return
     from pido.cli.progress import Progress
     from pido.plain import retrain_all, run
+    from pido.production import machines
 
     with Progress("iterating") as progress:
         answer = run(workspace, waiting, machine, progress) if paths else retrain_all(workspace, progress)
     answer["known"] = len(paths) - len(waiting)
+    if not paths and not machines(str(workspace.root)):
+        answer["nothing"] = "no part was taken in yet: bring one with `pido iterate PART`"
     _say(answer, as_json)
     if answer["rejected"]:
         raise SystemExit(1)
@@ -118,8 +129,8 @@ def _say(answer: dict[str, Any], as_json: bool) -> None:
     if answer["known"]:
         click.echo(f"{answer['known']} part(s) known already: nothing to do")
     if not (answer["done"] or answer["known"] or answer["rejected"]):
-        click.echo("nothing new since the last training: nothing to do")
+        click.echo(answer.get("nothing", "nothing new since the last training: nothing to do"))
     for one in answer["rejected"]:
-        click.echo(f"rejected {one['path']}: {one['reason']}", err=True)
+        click.echo(f"rejected {one['path']}: {one['reason'].removeprefix(one['path'] + ': ')}", err=True)
     if answer.get("fault"):
         click.echo(answer["fault"], err=True)

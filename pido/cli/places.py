@@ -70,8 +70,10 @@ def one_machine(workspace: Workspace, machine: str | None) -> str:
         return known[0]
     if machine is None or machine not in known:
         raise RegistryError(
-            f"{workspace.root}: {'name a machine' if machine is None else f'machine {machine!r} is not known here'} "
-            f"with --machine. Known: {', '.join(known) or 'none yet'}."
+            f"{workspace.root}: {'several machines here' if machine is None else f'no machine {machine!r} here'}. "
+            f"Name one with --machine. Known: {', '.join(known)}."
+            if known
+            else f"{workspace.root}: no machine has a part here yet. Bring one in: pido iterate PART"
         )
     return machine
 

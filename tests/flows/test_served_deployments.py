@@ -113,7 +113,7 @@ def test_a_part_waits_for_no_diagnosis_and_two_diagnoses_do_not_run_at_once(work
 
         with (
             get_client(sync_client=True) as client,
-            workspace.lock("diagnosis a"),
+            workspace.lock("wanted a"),
             served(workspace, tmp_path / "worker.log", client),
         ):
             ask = partial(run_deployment, "diagnose/newest", parameters={"machine": "a"}, timeout=0)
