@@ -26,7 +26,8 @@ def command(part: str, by: str, reason: str, folder: Path, machine: str | None, 
 
     From then on it is not learnt from, judges no version and no limit of the monitor, and its alarms are closed.
     Another recording may be taken in under its name, the corrected one, or the same with a part.json that was corrected
-    in material, tools, program or workpiece. Versions that have learnt from it cannot be approved; the next `pido iterate` trains without it. The decision stands in the audit log beside those on versions.
+    in material, tools, program or workpiece. Versions that have learnt from it cannot be approved; the next
+    `pido iterate` trains without it. The decision stands in the audit log beside those on versions.
 
     \b
     pido withdraw p03 --by "A. Ito" --reason "exported in mA" --workspace plant
