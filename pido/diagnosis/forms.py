@@ -40,6 +40,7 @@ _MISSED = 0.25  # of what several laws remove where one of them acts: one law th
 _OF_TURNS = AT_STOPS | {"coulomb_friction", "friction_asymmetry"}
 _WAY = 0.1  # mm, over which Coulomb's friction may turn; what takes longer, and no loop explains, is presliding
 _LATE_S = (0.005, 0.01, 0.02, 0.04, 0.08)  # s, by which the loop of a drive may answer
+_SAME_FORM = 0.05  # rms by which two forms may differ in a box, of one of them
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -75,10 +76,21 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
                     break
                 plainer = out[i].with_shape(**{p.name: value})
                 trial = [*out[:i], plainer, *out[i + 1 :]]
-                if np.any(library.columns(plainer)) and basis(library, noise, trial).bic < whole + 2.0:
+                same = bool(out[i].gates) and _is_same(library, plainer, out[i])
+                if same or (np.any(library.columns(plainer)) and basis(library, noise, trial).bic < whole + 2.0):
                     out = trial
                     break
     return out
+
+
+def _is_same(library: Library, plainer: Term, term: Term) -> bool:
+    """Whether a form is a multiple of a plainer one but for a small share: a sign that rises smoothly is one that
+    jumps wherever a box has only faster motion."""
+    own, plain = (library.columns(t)[:, library.mismatch.usable] for t in (term, plainer))
+    if not np.any(plain):
+        return False
+    rest = own - np.linalg.lstsq(plain.T, own.T, rcond=None)[0].T @ plain
+    return bool(np.sum(rest**2) < _SAME_FORM**2 * np.sum(own**2))
 
 
 def fewest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:

@@ -12,8 +12,9 @@ from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.correct import correct
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.gates import Gate
-from pido.diagnosis.library import Library
+from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mechanisms.sliding import SIMULATED
 from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.models import AxisModel, as_json, known_of
@@ -119,3 +120,17 @@ def test_a_wave_along_the_travel_is_seen_where_the_axis_travels(everywhere):
     best = max(waves, key=lambda term: -fit(mismatch, noise, [term]).rss)
     _, reason = useless(library, noise, [best])
     assert reason is None if everywhere else "nearly all of it is at standstill" in (reason or "")
+
+
+@pytest.mark.parametrize(("low", "smooth"), [(4.0, False), (0.5, True)])
+def test_a_sign_that_rises_smoothly_is_one_that_jumps_where_a_box_has_only_faster_motion(low, smooth):
+    """Strong enough for BIC to prefer the rise in both boxes, of 4 % and of nearly all."""
+    beyond = (Gate("v_x", low=low),)
+    mismatch, _ = laid_out(lambda s: 3.0 * np.tanh(s.v / 2.2) * (s.v > low))
+    rising = Term(BY_ID["coulomb_friction"], (("rest", SIMULATED - 1.0), ("v_0", 2.2)), beyond)
+    library = Library(mismatch, [rising])
+    noise = white(mismatch)
+    library.whiten(noise)
+    jumping = rising.with_shape(rest=0.0)
+    assert basis(library, noise, [rising]).bic < basis(library, noise, [jumping]).bic - 10
+    assert plainest(library, noise, [rising]) == [rising if smooth else jumping]
