@@ -8,7 +8,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.answers import equation_text
-from pido.diagnosis.bands import dead_bands
+from pido.diagnosis.bands import dead_bands, speed_of
 from pido.diagnosis.correct import correct
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.gates import Gate
@@ -119,3 +119,17 @@ def test_a_wave_along_the_travel_is_seen_where_the_axis_travels(everywhere):
     best = max(waves, key=lambda term: -fit(mismatch, noise, [term]).rss)
     _, reason = useless(library, noise, [best])
     assert reason is None if everywhere else "nearly all of it is at standstill" in (reason or "")
+
+
+@pytest.mark.parametrize(("rate", "of_angle"), [(50.0, None), (500.0, 22_800.0)])
+def test_a_speed_follows_from_a_counter_at_any_rate_and_from_an_angle_where_no_fast_turn_looks_slow(rate, of_angle):
+    """3800 1/min are 456 degrees between samples at 50 Hz, which an angle shows as 96."""
+    time = np.arange(500) / rate
+    turned = 22_800.0 * time
+
+    def speed(position):
+        return speed_of(Recording(PartInfo(part="p", machine="m"), {"time": time, "pos_sp": position}), "sp")
+
+    np.testing.assert_allclose(speed(turned), 22_800.0)
+    found = speed(turned % 360.0)
+    assert found is None if of_angle is None else np.allclose(found, of_angle)
