@@ -13,10 +13,12 @@ from pido.core.arrays import Float1D
 from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import POSITION, VELOCITY
 from pido.core.machining import Machine
-from pido.core.recording import Recording
+from pido.core.recording import Recording, usual_step
 
 LINEAR_DEAD_BAND = 0.02  # mm/s
 _SPINDLE_DEAD_BAND = 6.0  # deg/s
+_SPINDLE_MOST = 72_000.0  # deg/s, 12 000 1/min: of a spindle of which nothing else is known
+_TURN_DEG = 360.0
 _CREEPS = 0.002  # of all samples, at one steady speed below the usual band: it is a feed, and no trembling
 _NOTHING = 0.05  # of the usual band
 _NOISE_FACTOR = 5.0  # of a speed's noise at standstill: a larger speed is motion
@@ -29,11 +31,17 @@ def numbers(recording: Recording, name: str) -> Float1D | None:
 
 
 def speed_of(recording: Recording, axis: str) -> Float1D | None:
-    """(n,), mm/s (deg/s): as recorded, else by central differences of the position; None where neither is there."""
+    """(n,), mm/s (deg/s): as recorded, else by central differences of the position; None where neither is there, or
+    where the position is an angle of the spindle within one turn, and a fast turn between samples looks like a slow
+    one."""
     v, pos = numbers(recording, VELOCITY[axis]), numbers(recording, POSITION[axis])
     if v is not None or pos is None or len(recording) < 2:
         return v
-    return np.gradient(np.unwrap(pos, period=360.0) if axis == "sp" else pos, recording.time)
+    if axis == "sp" and np.nanmax(pos) - np.nanmin(pos) <= _TURN_DEG:
+        if _SPINDLE_MOST * usual_step(recording.time) >= _TURN_DEG / 2:
+            return None
+        pos = np.unwrap(pos, period=_TURN_DEG)
+    return np.gradient(pos, recording.time)
 
 
 def dead_bands(

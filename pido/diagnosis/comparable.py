@@ -135,7 +135,7 @@ def comparable_axes(parts: Sequence[Recording], machine: Machine | None, notes: 
 
 
 def moving_s(parts: Sequence[Recording], axis: str, bands: Mapping[str, float]) -> float | None:
-    """How long the axis moves in all parts together, s; None where neither its position nor its speed is recorded.
+    """How long the axis moves in all parts together, s; None where neither its speed nor what tells it is recorded.
 
     bands : per axis the speed below which it stands, in its column's unit
     """
@@ -233,8 +233,8 @@ def _nothing_to_explain_it(parts: Sequence[Recording], axis: str) -> str | None:
 def _little_motion(axis: str, seconds: float | None) -> list[str]:
     if seconds is None:
         return [
-            f"axis {axis}: neither '{POSITION[axis]}' nor '{VELOCITY[axis]}' was recorded; what depends on its own "
-            "motion (friction, inertia) cannot be judged."
+            f"axis {axis}: neither '{VELOCITY[axis]}' nor a '{POSITION[axis]}' that tells its speed was recorded; what "
+            "depends on its own motion (friction, inertia) cannot be judged."
         ]
     if seconds == 0:
         return [f"axis {axis}: it never moves; what depends on its own motion (friction, inertia) cannot be judged."]

@@ -8,7 +8,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.answers import equation_text
-from pido.diagnosis.bands import dead_bands
+from pido.diagnosis.bands import dead_bands, speed_of
 from pido.diagnosis.correct import correct
 from pido.diagnosis.forms import plainest
 from pido.diagnosis.gates import Gate
@@ -134,3 +134,17 @@ def test_a_sign_that_rises_smoothly_is_one_that_jumps_where_a_box_has_only_faste
     jumping = rising.with_shape(rest=0.0)
     assert basis(library, noise, [rising]).bic < basis(library, noise, [jumping]).bic - 10
     assert plainest(library, noise, [rising]) == [rising if smooth else jumping]
+
+
+@pytest.mark.parametrize(("rate", "of_angle"), [(50.0, None), (500.0, 22_800.0)])
+def test_a_speed_follows_from_a_counter_at_any_rate_and_from_an_angle_where_no_fast_turn_looks_slow(rate, of_angle):
+    """3800 1/min are 456 degrees between samples at 50 Hz, which an angle shows as 96."""
+    time = np.arange(500) / rate
+    turned = 22_800.0 * time
+
+    def speed(position):
+        return speed_of(Recording(PartInfo(part="p", machine="m"), {"time": time, "pos_sp": position}), "sp")
+
+    np.testing.assert_allclose(speed(turned), 22_800.0)
+    found = speed(turned % 360.0)
+    assert found is None if of_angle is None else np.allclose(found, of_angle)
