@@ -35,7 +35,7 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
     """
     from pido.diagnoses import check_all
     from pido.diagnosis import contract
-    from pido.diagnosis.beyond import beyond
+    from pido.diagnosis.beyond import beyond, longer_pauses
     from pido.diagnosis.comparable import finite
     from pido.diagnosis.correct import (
         correct,
@@ -82,6 +82,11 @@ def command(diagnosis: Path, part: Path, out: Path, after: tuple[Path, ...]) -> 
             "each part at its first motion."
         )
     notes += [f"{this} {outside_of_it}" for outside_of_it in beyond(model, recording)]
+    for axis, (pause, longest) in longer_pauses(model, recording, earlier).items():
+        notes.append(
+            f"{this} {axis}: thermal_drift was fitted on pauses of at most {longest:.3g} s between parts; this part "
+            f"comes after {pause:.4g} s. How far the machine cooled in them is extrapolated."
+        )
     for note in notes:
         click.echo(note, err=True)
     series = correct(model, recording, earlier)

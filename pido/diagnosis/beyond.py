@@ -2,7 +2,8 @@
 
 In:  a term, or the columns of an equation, on the diagnosed parts; or the model of a diagnosis and the recording of a
      part that is corrected by it.
-Out: the range of each quantity that the term is a law of; the part's rows outside of it. A law is known where it was
+Out: the range of each quantity that the term is a law of; the part's rows outside of it; a pause before the part that
+     is longer than any that a drift was fitted on. A law is known where it was
      seen: what it says beyond is extrapolated, however well it holds within.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,7 +27,7 @@ from pido.diagnosis.models import axis_models, readable
 from pido.diagnosis.pair import pair_of
 from pido.diagnosis.quantities import QUANTITIES, the
 from pido.diagnosis.signals import signals
-from pido.diagnosis.state import AxisState, axis_states
+from pido.diagnosis.state import AxisState, axis_states, running
 from pido.diagnosis.terms import Term
 
 _NO_RANGE = ("held_", "speeding_", "braking_", "coolant", "pos_sp", "t_go_", "stood_", "rested_", "t_block", "t_cut")
@@ -36,6 +38,12 @@ _MARGIN = 0.05
 """Of a range, by which a value has to leave it: its ends are those of samples, not of what the machine does."""
 _SOME = 1e-3
 """Of the rows of a part, that lie beyond at least: fewer are wild samples."""
+
+
+_CLEARLY_LONGER = 1.5
+"""Times the longest pause, above which one is longer than what was seen."""
+_SHORT_S = 60.0
+"""A pause in which nothing cools."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +127,30 @@ def beyond(model: Mapping[str, Any], recording: Recording) -> list[Beyond]:
                 if name in known and (found := _outside(known[name][there], low, high)) is not None:
                     out.append(Beyond(axis, term.name, name, low, high, *found))
     return out
+
+
+def longer_pauses(
+    model: Mapping[str, Any], recording: Recording, earlier: Sequence[Recording] = ()
+) -> dict[str, tuple[float, float]]:
+    """Per axis that drifts with what the machine did before: the pause before this part and the longest that the drift
+    was fitted on, s, where this one is clearly longer. Machines seldom cool as they warm.
+
+    earlier : parts made after the diagnosed ones and before this one
+    """
+    axes = [
+        axis
+        for axis, own in axis_models(model).items()
+        if any(t.mechanism.id == "thermal_drift" and round(dict(t.shape)["clock"]) > 0 for t in own.terms)
+    ]
+    with readable():
+        known = sorted((float(a), float(b)) for a, b in model.get("history", []))
+    this = running(recording)
+    before = [*known, *(run for r in earlier if (run := running(r)) is not None)]
+    ends = [end for start, end in before if this is not None and start < this[0]]
+    if not axes or this is None or not ends or recording.part.part in model.get("parts", ()):
+        return {}
+    pause, longest = this[0] - max(ends), max((b - a for (_, a), (b, _) in pairwise(known)), default=0.0)
+    return dict.fromkeys(axes, (pause, longest)) if pause > _CLEARLY_LONGER * max(longest, _SHORT_S) else {}
 
 
 def _outside(values: Float1D, low: float, high: float) -> tuple[float, float, float] | None:

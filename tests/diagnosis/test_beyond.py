@@ -14,7 +14,7 @@ from pido.cli.diagnose import command as diagnose_command
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.arms import Arm
-from pido.diagnosis.beyond import beyond, ranges
+from pido.diagnosis.beyond import beyond, longer_pauses, ranges
 from pido.diagnosis.formulas import Formula
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -147,3 +147,32 @@ def test_only_rows_that_were_fitted_count():
     (state,) = axis_states([loaded()], "x")
     usable = np.abs(state.v) < 15.0
     assert ranges(Term(BY_ID["viscous_friction"]), [state], usable)["v_x"] == pytest.approx((-15.0, 15.0), abs=0.5)
+
+
+def started(name, start):
+    made = loaded()
+    return Recording(PartInfo(part=name, machine="m", start_time_s=start), made.columns)
+
+
+DRIFT = (("tau", 300.0), ("along", 0.0), ("rises", 1.0), ("rest", 0.0))
+
+
+@pytest.mark.parametrize(
+    ("clock", "start", "between", "told"),
+    [
+        (1.0, 1300.0, None, (1160.02, 100.02)),  # of 40 s each, with 100 s between
+        (2.0, 1300.0, None, (1160.02, 100.02)),
+        (2.0, 260.0, None, None),
+        (2.0, 1300.0, 1200.0, None),  # the pause is the one after the part between
+        (0.0, 1300.0, None, None),  # every part starts cold
+        (2.0, None, None, None),
+        (2.0, 0.0, None, None),  # before them
+    ],
+)
+def test_a_pause_longer_than_any_that_a_drift_was_fitted_on_is_said(clock, start, between, told):
+    drift = Term(BY_ID["thermal_drift"], (("clock", clock), *DRIFT))
+    model = as_json({"z": AxisModel("z", 0.1, (drift,), (np.ones(1),))})
+    model |= {"history": [[-40.0, -0.02], [100.0, 139.98]], "parts": ["p0", "p1"]}
+    earlier = [] if between is None else [started("p2", between)]
+    found = longer_pauses(model, started("p3", start), earlier)
+    assert found == ({} if told is None else {"z": pytest.approx(told, abs=0.1)})
