@@ -20,6 +20,7 @@ from pido.core.columns import ACCELERATION, CURRENT, CURRENT_SIM, FORCE_SIM, POS
 from pido.core.machining import Machine
 from pido.core.part import PartTool
 from pido.core.recording import Recording
+from pido.core.spindle_tool import tool_in_spindle
 from pido.diagnosis.bands import LINEAR_DEAD_BAND, dead_bands, numbers, speed_of
 from pido.diagnosis.faults import beyond_load, displaced, faulty
 from pido.physics.friction import held_direction
@@ -405,26 +406,11 @@ def _of_tool(recording: Recording, tool: Array1D | None, what: Callable[[PartToo
 
 
 def _tool(recording: Recording) -> Array1D | None:
-    """Tool per sample, as text, '' where it is not known: from the column, else from the tool changes of part.json."""
-    if "tool_id" in recording:
-        column = recording["tool_id"]
-        if column.dtype == object:  # text and empty cells have no order
-            keys = {v: _tool_key(v) for v in set(column)}
-            return np.array([keys[v] for v in column], dtype=object)
-        values, which = np.unique(column, return_inverse=True)
-        return np.array([_tool_key(v) for v in values], dtype=object)[which]
-    changes = sorted(recording.part.tool_changes, key=lambda c: c.t)
-    tools = recording.part.tools
-    if not changes:
-        return np.full(len(recording), next(iter(tools)), dtype=object) if len(tools) == 1 else None
-    keys = np.array(["", *(_tool_key(c.tool_id) for c in changes)], dtype=object)
-    return keys[np.searchsorted([c.t for c in changes], recording.time, side="right")]
-
-
-def _tool_key(value: object) -> str:
-    if value is None or (isinstance(value, float | np.floating) and np.isnan(value)):
-        return ""
-    return str(int(value)) if isinstance(value, (float, np.floating)) and float(value).is_integer() else str(value)
+    """(n,) text – tool per sample, '' where it is not known; the only one there is where nothing else says."""
+    tool, tools = tool_in_spindle(recording), recording.part.tools
+    if tool is None and len(tools) == 1:
+        return np.full(len(recording), next(iter(tools)), dtype=object)
+    return tool
 
 
 def seconds_of_each(time: Float1D) -> Float1D:

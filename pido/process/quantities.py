@@ -16,11 +16,13 @@ from typing import Literal
 
 import numpy as np
 
-from pido.core.arrays import Bool1D, Float1D, Float2D
+from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.core.columns import FORCE_SIM, POSITION, VELOCITY
+from pido.core.errors import RecordingError
 from pido.core.machining import Machine, Material, MeshStock, Stock, Tool
 from pido.core.recording import Recording
+from pido.core.spindle_tool import tool_in_spindle
 from pido.physics.cutting import (
     end_cutting_forces,
     engaged_teeth,
@@ -62,13 +64,13 @@ def process_quantities(
     Parameters
     ----------
     stock : block, mesh, or the map that an earlier operation left (`removal.raw_part`, `removal.remove`)
-    tools : by id as in the column tool_id; exactly one where there is no such column
+    tools : by id as in the column tool_id or in tool_changes; exactly one where there is neither
     teeth : 'one' – the force of one tooth, as the paper prints it; 'mean' – times the teeth in the cut on average
 
     Raises SettingsError for a tool that is not in the list, RecordingError for a missing column.
     """
     positions = _linear(recording, POSITION)
-    index, used = tool_of_each_sample(recording.columns.get("tool_id"), len(recording), tools)
+    index, used = tool_of_each_sample(_tool_id(recording, tools, machine), len(recording), tools)
     part = raw_part(stock, grid_mm, machine.tool_axis)
     removal = remove(part, positions, index, used)
 
@@ -95,6 +97,24 @@ def process_quantities(
     columns = {name: np.where(unknown, np.nan, values) for name, values in columns.items()}
     result = recording.with_columns(**columns)
     return _with_notes(result, removal, int(np.isnan(load.f_sp).sum()))
+
+
+def _tool_id(recording: Recording, tools: Mapping[str, Tool], machine: Machine) -> Array1D | None:
+    """(n,) text – tool in the spindle; None where the only one is meant. Raises RecordingError where the spindle turns
+    before the first of the tool changes, with which tool nobody says."""
+    tool = tool_in_spindle(recording)
+    if tool is None or "tool_id" in recording:
+        return tool
+    if len(tools) == 1 and set(tool) <= {"", *tools}:
+        return None
+    turning = (tool == "") & (np.abs(recording["v_sp"]) > machine.spindle_dead_band_deg_s)
+    if turning.any():
+        first = min(change.t for change in recording.part.tool_changes)
+        raise RecordingError(
+            f"part {recording.part.part}: the spindle turns before the first of tool_changes (t = {first:g} s), and "
+            "nothing says with which tool. Add that one to tool_changes with t = 0, or the column tool_id."
+        )
+    return tool
 
 
 def area_removal(recording: Recording) -> Float1D:

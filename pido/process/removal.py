@@ -15,6 +15,7 @@ import numpy as np
 from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.errors import SettingsError
 from pido.core.machining import MeshStock, Stock, Tool
+from pido.core.spindle_tool import tool_name
 from pido.physics.frames import to_tool_frame
 from pido.process.engagement import tool_shape
 from pido.process.height_map import DEFAULT_GRID_MM, HeightMap, block, mesh
@@ -99,21 +100,12 @@ def tool_of_each_sample(tool_id, n: int, tools: Mapping[str, Tool]) -> tuple[Int
         if len(names) != 1:
             raise SettingsError(
                 f"the recording has no column tool_id and {len(names)} tools are given ({', '.join(names)}): "
-                "give the one tool that was used, or the column."
+                "give the one tool that was used, the column, or tool_changes in part.json."
             )
         return np.zeros(n, np.int64), tuple(tools.values())
-    values, where = np.unique([_tool_name(value) for value in tool_id], return_inverse=True)
+    values, where = np.unique([tool_name(value) for value in tool_id], return_inverse=True)
     unknown = [value for value in values if value and value not in tools]
     if unknown:
         raise SettingsError(f"tool(s) {', '.join(unknown)} are not in the list ({', '.join(names) or 'empty'}).")
     index = np.array([names.index(value) if value else -1 for value in values], np.int64)
     return index[where], tuple(tools.values())
-
-
-def _tool_name(value) -> str:
-    """A tool's id as text: 3, 3.0 and '3' are the same tool."""
-    if value is None or (isinstance(value, float | np.floating) and np.isnan(value)):
-        return ""
-    if isinstance(value, float | np.floating) and float(value).is_integer():
-        return str(int(value))
-    return str(value)

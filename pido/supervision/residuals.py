@@ -28,6 +28,7 @@ from pido.core.files import replacing
 from pido.core.machining import Machine
 from pido.core.recording import Recording
 from pido.core.samples import Samples
+from pido.core.spindle_tool import tool_in_spindle
 from pido.feature_space.regional import folds
 from pido.iteration import Recipe
 from pido.models.axis_models import AxisModels
@@ -265,18 +266,8 @@ def _bare(recording: Recording) -> Recording:
 
 
 def _tool(recording: Recording) -> Array1D:
-    if "tool_id" in recording:
-        return np.array([_name(v) for v in recording["tool_id"]], object)
-    tool = np.full(len(recording), "", object)
-    for change in sorted(recording.part.tool_changes, key=lambda c: c.t):
-        tool[recording.time >= change.t] = str(change.tool_id)
-    return tool
-
-
-def _name(value: object) -> str:
-    if value is None or (isinstance(value, float) and not np.isfinite(value)):
-        return ""
-    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
+    tool = tool_in_spindle(recording)
+    return np.full(len(recording), "", object) if tool is None else tool
 
 
 def _block(recording: Recording) -> Int1D:
