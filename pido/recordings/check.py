@@ -16,11 +16,12 @@ from scipy.ndimage import binary_dilation, median_filter
 
 from pido.core.arrays import Bool1D, Float1D
 from pido.core.axes import AXES, LINEAR_AXES
-from pido.core.columns import ACCELERATION, CURRENT, MOTION, OPTIONAL, POSITION, PROCESS, TIME, UNITS, VELOCITY
+from pido.core.columns import ACCELERATION, CURRENT, MOTION, POSITION, PROCESS, TIME, UNITS, VELOCITY
 from pido.core.machining import Machine
 from pido.core.recording import Recording, usual_step
 from pido.core.wild import wild_samples
 from pido.recordings.faults import ERROR, WARNING, Fault, at, whole
+from pido.recordings.missing import missing_values
 from pido.recordings.reader import UNKNOWN
 from pido.recordings.segments import GAP, counter_resets, is_angle, starts, stretches, unwrap_deg
 from pido.recordings.units import unit_slips
@@ -182,21 +183,6 @@ def _has_time_base(time: Float1D) -> bool:
     step = np.diff(time)
     forward = len(time) >= 3 and bool(np.isfinite(time).all() and (step >= 0).all())
     return forward and float(np.mean(step == 0)) <= 0.01
-
-
-def _missing_values(recording: Recording, machine: Machine | None) -> list[Fault]:
-    faults = []
-    for name, values in recording.columns.items():
-        if name == TIME or values.dtype == object or name in OPTIONAL:
-            continue
-        bad = ~np.isfinite(values)
-        if bad.any():
-            most = bad.mean() > 0.5
-            what = f"'{name}' is missing in {bad.mean():.1%} of the samples."
-            advice = "Missing samples are never filled in: " + ("export it again." if most else "they are left out.")
-            severity = ERROR if most else WARNING
-            faults.append(at("missing_value", name, bad, recording.time, what, advice, severity, mask=True))
-    return faults
 
 
 def _outside_the_contract(recording: Recording, machine: Machine | None) -> list[Fault]:
@@ -486,7 +472,7 @@ def _engagement(recording: Recording) -> list[Fault]:
 
 
 CHECKS: tuple[Check, ...] = (
-    _missing_values,
+    missing_values,
     _outside_the_contract,
     _constant,
     unit_slips,

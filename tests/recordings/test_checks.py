@@ -313,6 +313,20 @@ def test_all_faults_are_listed_at_once():
     assert not usable_mask(bad, faults).any()
 
 
+def test_empty_rows_are_one_fault_and_each_current_is_one_of_its_own():
+    lost = np.isin(np.arange(N), (40, 41, 90))
+    columns = {
+        n: c if n == "time" or c.dtype == object else np.where(lost, np.nan, c) for n, c in _good().columns.items()
+    }
+    faults = check(Recording(_good().part, columns))
+    assert {(f.kind, f.rows, f.severity) for f in faults} == {("missing_value", 3, "warning")}
+    (inputs,) = [f for f in faults if "curr" not in f.column]
+    assert {"pos_x", "v_sp", "mrr_sim"} <= set(inputs.column.split(", "))
+    assert f"{len(inputs.column.split(', '))} columns are missing in" in inputs.what
+    assert sorted(f.column for f in faults if f is not inputs) == ["curr_sp", "curr_x", "curr_y", "curr_z"]
+    assert (usable_mask(_good(), faults) == ~lost).all()
+
+
 def test_a_tool_that_never_cuts_is_an_error_unless_it_is_an_air_cut():
     recording = _good().with_columns(mrr_sim=np.zeros(N))
     assert check(recording) == ()
