@@ -321,7 +321,7 @@ def test_empty_rows_are_one_fault_and_each_current_is_one_of_its_own():
     faults = check(Recording(_good().part, columns))
     assert {(f.kind, f.rows, f.severity) for f in faults} == {("missing_value", 3, "warning")}
     (inputs,) = [f for f in faults if "curr" not in f.column]
-    assert {"pos_x", "v_sp", "mrr_sim"} <= set(inputs.column.split(", "))
+    assert {"pos_x", "v_sp", "a_sp"} <= set(inputs.column.split(", "))
     assert f"{len(inputs.column.split(', '))} columns are missing in" in inputs.what
     assert sorted(f.column for f in faults if f is not inputs) == ["curr_sp", "curr_x", "curr_y", "curr_z"]
     assert (usable_mask(_good(), faults) == ~lost).all()
