@@ -372,4 +372,4 @@ def test_a_wrong_call_and_unusable_input_have_their_own_exit_codes(tmp_path):
     assert runner.invoke(pido, ["iterate", "--nonsense"]).exit_code == 2
     missing = runner.invoke(pido, ["iterate", str(tmp_path / "nothing"), "--workspace", str(tmp_path / "w")])
     assert missing.exit_code == 1
-    assert "no such file" in missing.stderr
+    assert "no such file" in str(missing.exception)
