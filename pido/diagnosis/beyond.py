@@ -3,8 +3,8 @@
 In:  a term, or the columns of an equation, on the diagnosed parts; or the model of a diagnosis and the recording of a
      part that is corrected by it.
 Out: the range of each quantity that the term is a law of; the part's rows outside of it; a pause before the part that
-     is longer than any that a drift was fitted on. A law is known where it was
-     seen: what it says beyond is extrapolated, however well it holds within.
+     is longer than any that a drift was fitted on. A law is known where it was seen: what it says beyond is
+     extrapolated, however well it holds within.
 """
 
 from __future__ import annotations

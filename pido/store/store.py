@@ -117,7 +117,7 @@ class Store:
             index.execute("BEGIN IMMEDIATE")
             found = index.execute(f"SELECT {_FIELDS} FROM entries WHERE digest = ?", (digest,)).fetchone()
             same = _same(index, part.machine, signals)
-            if found is None and same is not None and not (corrected and twin is not None and same == twin):
+            if found is None and same is not None and not (corrected and same == twin):
                 index.execute("ROLLBACK")  # another process was first
                 return self._complete(same, recording, source)
             if found is None:
