@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 
+import psutil
 import pytest
 from click.testing import CliRunner
 from plain_parts import parts as made_up
@@ -29,13 +30,20 @@ from pido.workspace import Workspace
 pytestmark = [pytest.mark.servers, pytest.mark.filterwarnings("ignore::ResourceWarning")]
 MACHINE = "cmx600v"
 RUN = """
-import sys
+import os, signal, sys
 from prefect import tags
-from flows import ownership, submit
+from flows import diagnose, ownership, submit
 from flows.diagnose import diagnose_newest
 
+if sys.argv[3:] == ["halted"]:
+    diagnose_into = diagnose.diagnose_into
+    def halted(*given, **named):
+        os.kill(os.getpid(), signal.SIGSTOP)
+        return diagnose_into(*given, **named)
+    diagnose.diagnose_into = halted
+
 with tags(ownership.tag(sys.argv[1]), submit._diagnosis_of(sys.argv[2])):
-    state = diagnose_newest(*sys.argv[1:], return_state=True)
+    state = diagnose_newest(*sys.argv[1:3], return_state=True)
 print(state.type.value, state.name, state.message)
 """
 
@@ -68,17 +76,17 @@ def takes(workspace: Workspace, number: int) -> None:
 
 @contextmanager
 def at_work(workspace: Workspace, log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A diagnosis in a process of its own, which is halted (SIGSTOP) as soon as it has begun."""
-    call = [sys.executable, "-c", RUN, str(workspace.root), MACHINE]
+    """A diagnosis in a process of its own that halts itself (SIGSTOP) when it has begun and before it searches: halted
+    from here, it can hold a lock that others take for a moment, and they wait for good."""
+    call = [sys.executable, "-c", RUN, str(workspace.root), MACHINE, "halted"]
     with log.open("wb") as out:
         process = subprocess.Popen(call, env=os.environ.copy(), stdout=out, stderr=out)
         try:
             end = time.monotonic() + 180
-            while not ((known := wanted.of_machine(workspace, MACHINE)) and known.run):
+            while psutil.Process(process.pid).status() != psutil.STATUS_STOPPED:
                 assert process.poll() is None, log.read_text()[-2000:]
                 assert time.monotonic() < end, log.read_text()[-2000:]
-                time.sleep(0.005)
-            process.send_signal(signal.SIGSTOP)
+                time.sleep(0.05)
             yield process
         finally:
             process.kill()
