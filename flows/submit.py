@@ -131,7 +131,7 @@ def ask_again(workspace: Workspace) -> int:
     """
     count = 0
     for one in wanted.wanted(workspace):
-        if one.fault or one.again:
+        if one.fault or (one.again and one.run):
             continue
         tags = [ownership.tag(workspace.root), _diagnosis_of(one.machine)]
         with get_client(sync_client=True) as client:
@@ -142,6 +142,11 @@ def ask_again(workspace: Workspace) -> int:
             said = (last.state.message or "").strip().splitlines()[:1]
             fault = "it was cancelled in Prefect" if last.state.type == StateType.CANCELLED else "".join(said)
             wanted.failed(workspace, one.machine, one.of, fault.rstrip(".") or "see its run in Prefect")
+        elif one.again:
+            fault = (
+                "its run was lost before it began, also when it was asked for again (look whether a worker is there)"
+            )
+            wanted.failed(workspace, one.machine, one.of, fault)
         elif missing := ask_diagnosis(str(workspace.root), one.machine, instead_of=one.run if one.asked else None):
             log.warning("no diagnosis of %s yet: %s", one.machine, missing)
         else:

@@ -25,18 +25,24 @@ def coldness(running_s: Float1D, tau: float, at_start: float = 1.0) -> Float1D:
     return at_start * np.exp(-np.asarray(running_s, float) / tau)
 
 
-def coldness_after(runs: Sequence[tuple[float, float]], start: float, tau: float) -> float:
-    """How cold a machine is at `start` after earlier runs, cooling with the same time constant in the pauses.
+def coldness_after(
+    runs: Sequence[tuple[float, float]], start: float, tau: float, tau_in_pauses: float | None = None
+) -> float:
+    """How cold a machine is at `start` after earlier runs, cooling in the pauses between them.
 
-    runs : (start, end) of each earlier run, s on the machine's clock, in order; cold before the first of them.
+    runs : (start, end) of each earlier run, s on the machine's clock, in order; cold before the first of them
+    tau, tau_in_pauses : scalars > 0, s, while it runs and while it pauses; None: it cools as it warms
 
     >>> coldness_after([], 100.0, 60.0), round(coldness_after([(0.0, 1e6)], 1e6, 60.0), 6)
     (1.0, 0.0)
+    >>> round(coldness_after([(0.0, 1e6)], 1e6 + 120.0, 60.0, 120.0), 6)
+    0.632121
     """
+    cooling = tau if tau_in_pauses is None else tau_in_pauses
     cold, end = 1.0, None
     for begin, stop in (*runs, (start, start)):
         if end is not None:
-            cold = 1.0 - (1.0 - cold) * float(np.exp(-max(begin - end, 0.0) / tau))
+            cold = 1.0 - (1.0 - cold) * float(np.exp(-max(begin - end, 0.0) / cooling))
         cold *= float(np.exp(-max(stop - begin, 0.0) / tau))
         end = stop
     return cold

@@ -184,6 +184,24 @@ def test_a_diagnosis_that_a_person_cancelled_is_not_asked_for_again(api, place):
         assert "it was cancelled in Prefect. To try it sooner" in said(place)
 
 
+def test_one_that_is_lost_twice_before_it_began_is_said_to_be_lost(api, place):
+    from prefect.states import Crashed
+
+    from flows import submit
+
+    with offered(place) as client:
+        assert submit.ask_diagnosis(str(place.root), MACHINE) == ""
+        for again in (1, 0):
+            [run] = waiting(client, place)
+            assert said(place) == "diagnosis  cmx600v: asked for, and not begun"
+            client.set_flow_run_state(run.id, Crashed(), force=True)
+            assert submit.ask_again(place) == again
+        assert not waiting(client, place)
+        assert "lost before it began, also when it was asked for again" in said(place)
+        takes(place, 2)
+        assert submit.ask_again(place) == 1, "the next part's is another"
+
+
 def test_one_that_failed_says_why_and_is_not_asked_for_again(api, place, tmp_path):
     from flows import submit
 

@@ -5,7 +5,7 @@ In:  `AxisState`. Out: mechanisms of the catalogue; warming is in `pido.physics.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class ThermalDrift(Mechanism):
     along : 0 a constant load, 1 against the motion, 2 with the speed (oil thins as it warms)
     rises : 0 fades from cold, 1 grows towards the steady value
     rest : of a load against the motion, what it is at rest (see `direction`)
+    cools : the time constant in the pauses (clock 2) over that of warming; what does not run has no fan and stirs no
+        oil, and cools more slowly
     """
 
     id = "thermal_drift"
@@ -41,11 +43,12 @@ class ThermalDrift(Mechanism):
         choice("along", 3),
         choice("rises", 2),
         choice("rest", SIMULATED + 1, first=1),
+        Parameter("cools", "–", low=0.1, high=10.0, scale="log", values=(1.0, 0.4, 2.0, 5.0), first=1),
     )
     summary = "{axis} axis, changing over the time since start with a time constant of {tau:.3g} s"
     follows_from = ("clock",)
 
-    def regressors(self, state, *, tau, clock, along, rises, rest=0.0):
+    def regressors(self, state, *, tau, clock, along, rises, rest=0.0, cools=1.0):
         if round(clock) == 0:
             cold = coldness(state.time, tau)
         elif state.clock is None or state.earlier is None:
@@ -57,7 +60,7 @@ class ThermalDrift(Mechanism):
             cold = coldness(np.maximum(state.clock, 0.0), tau)
         else:
             start = float(state.clock[0])
-            cold = coldness(state.clock - start, tau, coldness_after(state.earlier, start, tau))
+            cold = coldness(state.clock - start, tau, coldness_after(state.earlier, start, tau, cools * tau))
         level = 1.0 - cold if round(rises) == 1 else cold
         factor = (np.ones(len(cold)), direction(state, rest), state.v * state.moving)[which(along, 3)]
         return column(level * factor)
@@ -66,10 +69,11 @@ class ThermalDrift(Mechanism):
         clock, rises = round(shape["clock"]), round(shape["rises"]) == 1
         cold = f"{'c_0 * ' if clock == 2 else ''}exp(-t / tau)"
         along = ("", f" * sgn(v), {at_rest(shape.get('rest', 0.0))}", " * v")[which(shape["along"], 3)]
+        slowly = ", which cool with cools * tau" if self._cools_of_itself(shape) else ""
         since = (
             "t = time since the start of each part",
             "t = time since the start of the first part",
-            "t = time since the start of each part, c_0 = 1 in the first part, less after short pauses",
+            "t = time since the start of each part, c_0 = 1 in the first part, less after short pauses" + slowly,
             "t = time on the machine's clock",
         )[which(clock, 4)]
         return f"dI = T * {f'(1 - {cold})' if rises else cold}{along}; {since}"
@@ -99,10 +103,22 @@ class ThermalDrift(Mechanism):
     def forms_at_rest(self, shape):
         return tuple({**shape, "rest": rest} for rest in STEEP) if which(shape["along"], 3) == 1 else (dict(shape),)
 
+    def free(self, shape):
+        return 1 + self._cools_of_itself(shape)
+
+    def idle(self, shape):
+        return frozenset() if self._cools_of_itself(shape) else frozenset({"cools"})
+
     def around(self, name, shape, states):
+        if name == "cools" and self._cools_of_itself(shape):
+            return self.shape[-1].low, self.shape[-1].high
         if name != "tau":
             return shape.get(name, 0.0), shape.get(name, 0.0)
         return max(self.shape[0].low or 0.0, shape["tau"] / 3), min(self.shape[0].high or np.inf, shape["tau"] * 3)
+
+    @staticmethod
+    def _cools_of_itself(shape: Mapping[str, float]) -> bool:
+        return round(shape["clock"]) == 2 and shape.get("cools", 1.0) != 1
 
     def told(self, states, shape, sizes):
         """With which way it goes: what fades from cold falls, as far as it adds to the simulation's."""
