@@ -143,9 +143,7 @@ def ask_again(workspace: Workspace) -> int:
             fault = "it was cancelled in Prefect" if last.state.type == StateType.CANCELLED else "".join(said)
             wanted.failed(workspace, one.machine, one.of, fault.rstrip(".") or "see its run in Prefect")
         elif one.again:
-            fault = (
-                "its run was lost before it began, also when it was asked for again (look whether a worker is there)"
-            )
+            fault = "its run was lost before it began, also when it was asked for again (is a worker there?)"
             wanted.failed(workspace, one.machine, one.of, fault)
         elif missing := ask_diagnosis(str(workspace.root), one.machine, instead_of=one.run if one.asked else None):
             log.warning("no diagnosis of %s yet: %s", one.machine, missing)
