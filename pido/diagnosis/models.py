@@ -31,6 +31,7 @@ from pido.diagnosis.late_arms import LaggedArm, Warped
 from pido.diagnosis.lateness import Late, shifted
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
+from pido.diagnosis.patches import Patch
 from pido.diagnosis.pulses import Pulses
 from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import AxisState
@@ -306,6 +307,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"rested": axis, "unit": unit}
         case Latched(signal=signal, unit=unit, even=even):
             own |= {"latched": signal, "unit": unit, "even": even}
+        case Patch(places=places, signal=signal, unit=unit, form=form):
+            own |= {"patch": list(places), "carries": signal, "unit": unit, "form": form}
         case Transient(signal=signal, unit=unit, side=side, even=even, level=level, rings=rings):
             own |= {"after": signal, "unit": unit, "side": side, "even": even, "level": level, "ringing": rings}
         case Surface(variables=variables, knots=knots, split=split):
@@ -392,6 +395,9 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Rested(str(own["rested"]), str(own["unit"]))
     if "latched" in own:
         return Latched(str(own["latched"]), str(own["unit"]), bool(own["even"]))
+    if "patch" in own:
+        one, other = map(str, own["patch"])
+        return Patch((one, other), *(str(own[k]) for k in ("carries", "unit", "form")))
     if "after" in own:
         flags = (bool(own[flag]) for flag in ("even", "level", "ringing"))
         return Transient(str(own["after"]), str(own["unit"]), str(own["side"]), *flags)

@@ -40,6 +40,7 @@ from pido.diagnosis.late_arms import late_arms
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.patches import patch_terms
 from pido.diagnosis.products import gains_by_averages
 from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known
@@ -77,7 +78,7 @@ _TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
 _REMEMBERS = (Ringing, Behind, Rested, Transient, Latched)
-_FIRST_STEPS = (0.5, 0.4, 0.4)  # of the shape parameters
+_FIRST_STEPS = (0.5, 0.4, 0.4, 0.4)  # of the shape parameters
 _TRIALS = 20  # of a shape, per parameter
 
 
@@ -215,6 +216,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     late += rested_terms(mismatch, few)
     judge = Judge(mismatch, noise, residual)
     late += [*transient_terms(judge, ground.seldom), *latched_terms(judge, ground.whole)]
+    late += patch_terms(judge, ground.whole)
     scores = [s for t in (*offered[:_FINALISTS], *quick, *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):
