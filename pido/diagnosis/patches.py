@@ -8,8 +8,8 @@ All rectangles of a grid are compared at once, from sums over its cells; the bes
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.judge import WORTH, Judge
 from pido.diagnosis.mechanisms.base import Parameter, column
+from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
@@ -27,6 +28,7 @@ _EDGE = 0.05  # of half the width: an edge as wide lets a search move it
 _CELLS = 20  # of a grid, along each of its places
 _FINER = 2  # grids, each within a cell of the best rectangle of the one before
 _LEAST_SHARE, _MOST_SHARE = 0.005, 0.9  # of the rows of a law that are inside
+_FEWEST_VISITS, _FEWEST_PARTS = 4, 2
 _BEST = 3
 _EDGES = ("from_1", "to_1", "from_2", "to_2")
 
@@ -71,18 +73,12 @@ class Patch(Unnamed):
 
     def over(self, known: Known, shape: Mapping[str, float]) -> Float2D:
         """(n, 1) – what the amplitude counts for, at values of the quantities."""
-        out = self.carrier(known)
+        out = FORMS[self.form](known[self.signal][0]) if self.signal else np.ones(len(known[self.places[0]][0]))
         for place, (low, high) in zip(self.places, _pairs(shape), strict=True):
             half = max((high - low) / 2, 1e-9)
             far = np.abs(known[place][0] - (low + high) / 2) / half
             out = out * 0.5 * (1.0 - np.tanh((far - 1.0) / _EDGE))
         return column(out)
-
-    def carrier(self, known: Known) -> Float1D:
-        """(n,) – what acts inside."""
-        if not self.signal:
-            return np.ones(len(known[self.places[0]][0]))
-        return FORMS[self.form](known[self.signal][0])
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         low, high = _pairs(shape)[_EDGES.index(name) // 2]
@@ -102,25 +98,37 @@ def patch_terms(judge: Judge, known: Known) -> list[Term]:
     """
     axis, found = judge.mismatch.axis, []
     whitening, wanted = judge.noise.matrix(), judge.felt[0]
-    for law in _laws(axis, known):
-        u, places = law.carrier(known), [known[name][0] for name in law.places]
+    for signal, form in _carriers(axis, known):
+        u = FORMS[form](known[signal][0]) if signal else np.ones(judge.mismatch.n)
         # What changes slowly feels the noise as it would if it acted everywhere.
         felt = np.array([u * wanted, u * (whitening.T @ (whitening @ u)), u != 0])
-        # Along the axis' own travel alone, such laws have a name.
-        gain, edges = _best_rectangle(felt, places, [name != f"pos_{axis}" for name in law.places])
-        if gain > WORTH:
-            found.append(Term(law, tuple(zip(_EDGES, edges, strict=True))))
+        for names in itertools.combinations([f"pos_{a}" for a in LINEAR_AXES if f"pos_{a}" in known], 2):
+            # Along the axis' own travel alone, such laws have a name.
+            limited = [name != f"pos_{axis}" for name in names]
+            gain, edges = _best_rectangle(felt, [known[name][0] for name in names], limited)
+            if gain > WORTH and _visited(judge.mismatch, [known[name][0] for name in names], edges):
+                law = Patch(names, signal, known[signal][1] if signal else "–", form)
+                found.append(Term(law, tuple(zip(_EDGES, edges, strict=True))))
     return judge.ranked(found)[:_BEST]
 
 
-def _laws(axis: str, known: Known) -> Iterator[Patch]:
-    speed, unit = f"v_{axis}", known.get(f"v_{axis}", (None, ""))[1]
-    offered = [("", "–", "u"), (speed, unit, "sgn u"), (speed, unit, "u"), (f"held_{axis}", "–", "u")]
-    offered += [("M_sp", "N·m", "u")] if axis == "sp" else []
-    for places in itertools.combinations([f"pos_{a}" for a in LINEAR_AXES if f"pos_{a}" in known], 2):
-        for carrier in offered:
-            if not carrier[0] or carrier[0] in known:
-                yield replace(Patch(places), signal=carrier[0], unit=carrier[1], form=carrier[2])
+def _visited(mismatch: Mismatch, places: Sequence[Float1D], edges: Sequence[float]) -> bool:
+    """Whether a rectangle was entered several times, in several parts where there are: what is met once may as well
+    have happened then."""
+    (x, y), (left, right, low, high) = places, edges
+    inside = (x > left) & (x < right) & (y > low) & (y < high)
+    visits = [
+        int(np.sum(inside[i:j] & ~np.r_[False, inside[i : j - 1]])) for i, j in itertools.pairwise(mismatch.edges)
+    ]
+    return sum(visits) >= _FEWEST_VISITS and sum(v > 0 for v in visits) >= min(len(visits), _FEWEST_PARTS)
+
+
+def _carriers(axis: str, known: Known) -> list[tuple[str, str]]:
+    """Signals and forms: none, for a load by itself; frictions, held at rest or none there; a torque on the spindle."""
+    speed = f"v_{axis}"
+    offered = [("", "u"), (speed, "sgn u"), (speed, "u"), (f"held_{axis}", "u")]
+    offered += [("M_sp", "u")] if axis == "sp" else []
+    return [(name, form) for name, form in offered if not name or name in known]
 
 
 def _best_rectangle(
@@ -145,8 +153,8 @@ def _best_rectangle(
         i, j = np.unravel_index(int(np.argmax(gains)), gains.shape)
         if gains[i, j] <= best:
             break
-        ends = [(grid[first[k]], grid[last[k]]) for grid, k in zip(grids, (i, j), strict=True)]
-        best, edges = float(gains[i, j]), tuple(float(e) for pair in ends for e in pair)
+        ends = [(float(grid[first[k]]), float(grid[last[k]])) for grid, k in zip(grids, (i, j), strict=True)]
+        best, edges = float(gains[i, j]), tuple(itertools.chain(*ends))
         spans = [_around(*e, float(g[1] - g[0]), w) for g, e, w in zip(grids, ends, whole, strict=True)]
     return best, _open_ended(edges, whole)
 
