@@ -25,7 +25,7 @@ from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
 _EDGE = 0.05  # of half the width: an edge as wide lets a search move it
-_CELLS = 20  # of a grid, along each of its places
+_CELLS = 15  # of a grid, along each of its places
 _FINER = 2  # grids, each within a cell of the best rectangle of the one before
 _LEAST_SHARE, _MOST_SHARE = 0.005, 0.9  # of the rows of a law that are inside
 _FEWEST_VISITS, _FEWEST_PARTS = 4, 2

@@ -41,6 +41,14 @@ def test_laws_are_shared_out_where_they_are_many_and_neither_one_nor_two_are_mos
     assert is_shared_out(mismatch, terms) == shared
 
 
+@pytest.mark.parametrize(("boxes", "shared"), [(0, False), (1, False), (2, True), (3, True)])
+def test_laws_in_boxes_of_their_own_imitate_more(boxes, shared):
+    mismatch, _, terms = laid_out(4, 2, 1.8, 1.8)
+    wide = [(Gate("v_x", low=-1e3 - k),) for k in range(boxes)]
+    boxed = [replace(t, gates=g) for t, g in zip(terms, wide, strict=False)]
+    assert is_shared_out(mismatch, [*boxed, *terms[boxes:]]) == shared
+
+
 def finding(name, k):
     proof = HeldOut("leave-one-part-out", 1.0, 0.9, 0.1, 0.2, 1e-4)
     return Finding(
