@@ -311,8 +311,8 @@ def _without_drift(library: Library, terms: list[Term]) -> list[Term]:
         trial = [*terms[:at], replace(other, gates=terms[at].gates), *terms[at + 1 :]]
         if not _lacks_little(*_left(library.mismatch, rest, trial, terms), share=lacks):
             continue
-        if other.name not in taken:
-            return trial
+        if all(t.gates for t in rest if t.name == other.name):
+            return trial  # of a law that acts in another box, it is a second one
         without = [t for t in rest if t.name != other.name]
         if _lacks_little(*_left(library.mismatch, without, rest, terms), share=MISFIT):
             return rest

@@ -161,6 +161,17 @@ def test_a_drift_that_is_nearly_all_mean_is_the_steady_load():
     assert [t.name for t in plainest(library, noise, [drift])] == ["coulomb_friction"]
 
 
+def test_a_drift_that_is_nearly_all_mean_is_the_steady_load_in_a_second_box():
+    forward, back = (Gate("v_x", low=2.0),), (Gate("v_x", high=-2.0),)
+    mismatch, noise = laid_out(lambda s: np.where(s.v > 2.0, 0.1, np.where(s.v < -2.0, -0.06, 0.0)))
+    drift = Term(BY_ID["thermal_drift"], (("tau", 4000.0), ("clock", 0.0), ("along", 1.0), ("rises", 0.0)), back)
+    steady = Term(BY_ID["coulomb_friction"], (), forward)
+    library = Library(mismatch, [drift, Term(BY_ID["coulomb_friction"])])
+    library.whiten(noise)
+    found = plainest(library, noise, [steady, drift])
+    assert [(t.name, t.gates) for t in found] == [("coulomb_friction", forward), ("coulomb_friction", back)]
+
+
 def test_a_load_that_fades_a_little_is_no_wrong_zero_of_a_sensor():
     mismatch, noise = laid_out(lambda s: 0.1 * np.exp(-s.time / 60.0))
     drift = Term(BY_ID["thermal_drift"], (("tau", 60.0), ("clock", 0.0), ("along", 0.0), ("rises", 0.0)))
