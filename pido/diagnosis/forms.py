@@ -14,8 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from pido.core.arrays import Float1D
+from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.confirm import cross_residual, even, plain_errors
 from pido.diagnosis.formulas import LEVEL
+from pido.diagnosis.gates import Gate
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.late import Lagged
 from pido.diagnosis.library import Library, basis
@@ -40,7 +42,7 @@ _MISSED = 0.25  # of what several laws remove where one of them acts: one law th
 _OF_TURNS = AT_STOPS | {"coulomb_friction", "friction_asymmetry"}
 _WAY = 0.1  # mm, over which Coulomb's friction may turn; what takes longer, and no loop explains, is presliding
 _LATE_S = (0.005, 0.01, 0.02, 0.04, 0.08)  # s, by which the loop of a drive may answer
-_SAME_FORM = 0.05  # rms by which two forms may differ in a box, of one of them
+_SAME_FORM, _SAME_LAW = 0.05, 0.1  # rms by which two forms, and two laws, may differ in a box, of one of them
 _LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
 
 
@@ -50,7 +52,8 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     What sgn(v) lacks of a presliding friction includes what it holds at standstill. Where the two have sizes of their
     own, or nearly all of it is held at standstill, they are two findings.
     """
-    out = _without_limits(library.mismatch, _without_drift(library, _without_places(library, list(terms))))
+    out = _without_drift(library, _without_places(library, list(terms)))
+    out = _without_limits(library.mismatch, [_friction_in_a_cut(library, t, out) for t in out])
     out = _without_whole_presliding(library, out)
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
     if standing is not None and standing.name not in {t.name for t in out}:
@@ -83,14 +86,31 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     return out
 
 
-def _is_same(library: Library, plainer: Term, term: Term) -> bool:
+def _friction_in_a_cut(library: Library, term: Term, terms: Sequence[Term]) -> Term:
+    """Coulomb's friction for what acts along sgn(v) in cuts of some areas, whatever is cut: an edge ploughs in all."""
+    shape, areas = dict(term.shape), [g for g in term.gates if g.variable == "AR"]
+    ploughs = term.mechanism.id == "edge_force" and (shape["along"], shape["length"]) == (1.0, 0.0)
+    taken = any(t.name == "coulomb_friction" and not t.gates for t in terms)
+    if not ploughs or not areas or taken or library.mismatch.axis not in LINEAR_AXES:
+        return term
+    cut = np.concatenate([s.ar[s.ar > 0] for s in library.mismatch.states if s.ar is not None])
+    in_cuts = () if any(np.isfinite(g.low) for g in areas) else (Gate("AR", low=0.5 * float(cut.min())),)
+    for other in library.terms:
+        if other.name == "coulomb_friction":
+            friction = replace(other, gates=(*in_cuts, *term.gates))
+            if _is_same(library, friction, term, _SAME_LAW):
+                return friction
+    return term
+
+
+def _is_same(library: Library, plainer: Term, term: Term, within: float = _SAME_FORM) -> bool:
     """Whether a form is a multiple of a plainer one but for a small share: a sign that rises smoothly is one that
     jumps wherever a box has only faster motion."""
     own, plain = (library.columns(t)[:, library.mismatch.usable] for t in (term, plainer))
     if not np.any(plain):
         return False
     rest = own - np.linalg.lstsq(plain.T, own.T, rcond=None)[0].T @ plain
-    return bool(np.sum(rest**2) < _SAME_FORM**2 * np.sum(own**2))
+    return bool(np.sum(rest**2) < within**2 * np.sum(own**2))
 
 
 def fewest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:

@@ -159,8 +159,12 @@ def _is_law(term: Term) -> bool:
 
 
 def is_shared_out(full: Mismatch, terms: Sequence[Term]) -> bool:
-    """Whether so many laws are on one axis, and neither is one most of what they do nor are two nearly all of it."""
-    if len(terms) < MANY:
+    """Whether so many laws are on one axis, and neither is one most of what they do nor are two nearly all of it.
+
+    Beside the physical equation in place of a simulation they are not: inertia, Stribeck's friction and the forces of
+    the cut are none of its terms, and all of them may be missing.
+    """
+    if len(terms) < MANY or full.base_names:
         return False
     # By itself each may have another shape than beside the others.
     single = (settle_shapes(full, even(full), [t]) for t in terms)

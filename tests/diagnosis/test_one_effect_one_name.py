@@ -172,6 +172,31 @@ def test_a_drift_that_is_nearly_all_mean_is_the_steady_load_in_a_second_box():
     assert [(t.name, t.gates) for t in found] == [("coulomb_friction", forward), ("coulomb_friction", back)]
 
 
+@pytest.mark.parametrize(
+    ("along", "gates", "name"),
+    [
+        (1.0, (Gate("AR", high=3.0),), "coulomb_friction"),
+        (1.0, (Gate("v_x", low=2.0),), "edge_force"),
+        (1.0, (), "edge_force"),
+        (0.0, (Gate("AR", high=3.0),), "edge_force"),
+    ],
+)
+def test_a_sign_of_the_motion_in_cuts_of_some_areas_is_a_friction(along, gates, name):
+    states = []
+    for s in axis_states([part(0), part(1)], "x"):
+        ar = np.where(np.arange(len(s.time)) % 400 < 250, 1.0 + 4.0 * np.sin(0.01 * np.arange(len(s.time))) ** 2, 0.0)
+        states.append(replace(s, ar=ar, engaged=ar > 0))
+    edge = Term(BY_ID["edge_force"], (("along", along), ("length", 0.0)), gates)
+    rng = np.random.default_rng(5)
+    mismatch = lay_out(states, [0.3 * edge.of_part(s)[0] + rng.normal(0, NOISE, len(s.time)) for s in states])
+    library = Library(mismatch, [Term(BY_ID["coulomb_friction"])])
+    noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
+    library.whiten(noise)
+    (found,) = plainest(library, noise, [edge])
+    assert found.name == name
+    assert np.allclose(library.columns(found), library.columns(edge))
+
+
 def test_a_load_that_fades_a_little_is_no_wrong_zero_of_a_sensor():
     mismatch, noise = laid_out(lambda s: 0.1 * np.exp(-s.time / 60.0))
     drift = Term(BY_ID["thermal_drift"], (("tau", 60.0), ("clock", 0.0), ("along", 0.0), ("rises", 0.0)))

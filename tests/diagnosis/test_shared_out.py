@@ -49,6 +49,11 @@ def test_laws_in_boxes_of_their_own_imitate_more(boxes, shared):
     assert is_shared_out(mismatch, [*boxed, *terms[boxes:]]) == shared
 
 
+def test_beside_an_equation_that_lacks_many_laws_many_are_missing():
+    mismatch, _, terms = laid_out(1, 1, 1, 1)
+    assert not is_shared_out(replace(mismatch, base_names=("viscous",)), terms)
+
+
 def finding(name, k):
     proof = HeldOut("leave-one-part-out", 1.0, 0.9, 0.1, 0.2, 1e-4)
     return Finding(
