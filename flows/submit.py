@@ -125,7 +125,8 @@ def ask_diagnosis(workspace: str, machine: str, *, instead_of: str | None = None
 
 def ask_again(workspace: Workspace) -> int:
     """Ask once more, and once only, for each diagnosis whose run was lost, and for each that nobody could be asked for.
-    Returns for how many. One that failed, or that a person cancelled, is not asked for again.
+    Returns for how many. One that failed, that a person cancelled, or whose second run was lost before it began, too,
+    is told as failed and not asked for again.
 
     After `sweep`: a run that says Running without a process counts as one that is at work.
     """

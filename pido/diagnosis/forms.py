@@ -93,8 +93,9 @@ def _friction_in_a_cut(library: Library, term: Term, terms: Sequence[Term]) -> T
     taken = any(t.name == "coulomb_friction" and not t.gates for t in terms)
     if not ploughs or not areas or taken or library.mismatch.axis not in LINEAR_AXES:
         return term
-    cut = np.concatenate([s.ar[s.ar > 0] for s in library.mismatch.states if s.ar is not None])
-    in_cuts = () if any(np.isfinite(g.low) for g in areas) else (Gate("AR", low=0.5 * float(cut.min())),)
+    cuts = [s.ar[s.ar > 0] for s in library.mismatch.states if s.ar is not None]
+    least = min((float(ar.min()) for ar in cuts if len(ar)), default=0.0)
+    in_cuts = () if any(np.isfinite(g.low) for g in areas) else (Gate("AR", low=0.5 * least),)
     for other in library.terms:
         if other.name == "coulomb_friction":
             friction = replace(other, gates=(*in_cuts, *term.gates))
