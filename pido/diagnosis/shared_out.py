@@ -6,7 +6,7 @@ Out: the findings as they are, or one without a name that is the sum of the laws
 
 Several laws at once are rare, and the textbook's forms, each in a box of its own, can imitate nearly anything. Where
 two laws are really missing, the two that do most do nearly all; where one law is that nobody has named, each of many
-does a little; the more so where several act in boxes, each in one of its own. Of some 900 sealed cases four had four
+does a little; the more so where most act in boxes, each in one of its own. Of some 900 sealed cases four had four
 findings on an axis or more; three of these hid one law that is in no textbook. Two laws that oppose each other, one of
 them a drift or in a box, are the difference of two textbook forms, which can imitate a third.
 """
@@ -34,7 +34,7 @@ from pido.diagnosis.whiten import Noise
 
 MANY = 4  # laws on one axis
 _MOST, _NEARLY_ALL = 0.5, 0.75  # of what all take away of the mean square on unseen folds, that one and two do alone
-_MOST_OF_BOXES, _NEARLY_ALL_OF_BOXES = 0.7, 0.85  # the same where several act in boxes, each in one of its own
+_MOST_OF_BOXES, _NEARLY_ALL_OF_BOXES = 0.7, 0.85  # the same where most laws act in boxes, each in one of its own
 _TAKEN_BACK = 0.5  # of the power that two laws have each by itself, below which their sum has little of either
 _CONSTANT_BACK = 0.7  # the same of a constant beside a law without a name, which may well have one of its own
 
@@ -172,7 +172,7 @@ def is_shared_out(full: Mismatch, terms: Sequence[Term]) -> bool:
     all_do = none - every
     best = int(np.argmin(alone))
     boxes = len({t.gates for t in terms if t.gates})
-    most, nearly_all = (_MOST_OF_BOXES, _NEARLY_ALL_OF_BOXES) if boxes > 1 else (_MOST, _NEARLY_ALL)
+    most, nearly_all = (_MOST_OF_BOXES, _NEARLY_ALL_OF_BOXES) if 2 * boxes > len(terms) else (_MOST, _NEARLY_ALL)
     if none - alone[best] > most * all_do:
         return False
     pairs = [[terms[best], t] for k, t in enumerate(terms) if k != best]

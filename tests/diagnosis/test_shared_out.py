@@ -41,8 +41,8 @@ def test_laws_are_shared_out_where_they_are_many_and_neither_one_nor_two_are_mos
     assert is_shared_out(mismatch, terms) == shared
 
 
-@pytest.mark.parametrize(("boxes", "shared"), [(0, False), (1, False), (2, True), (3, True)])
-def test_laws_in_boxes_of_their_own_imitate_more(boxes, shared):
+@pytest.mark.parametrize(("boxes", "shared"), [(0, False), (2, False), (3, True), (4, True)])
+def test_laws_most_of_which_act_in_boxes_of_their_own_imitate_more(boxes, shared):
     mismatch, _, terms = laid_out(4, 2, 1.8, 1.8)
     wide = [(Gate("v_x", low=-1e3 - k),) for k in range(boxes)]
     boxed = [replace(t, gates=g) for t, g in zip(terms, wide, strict=False)]
