@@ -476,5 +476,5 @@ def test_a_machine_that_warms_up_since_before_the_first_part_keeps_its_time_cons
     share, beta, shape = find(BY_ID["thermal_drift"], states, target)
     assert share > 0.999
     assert named(BY_ID["thermal_drift"], beta, shape) == pytest.approx(
-        {"T": 0.5, "tau": 150.0, "clock": 3.0, "along": 0.0, "rises": 1.0, "rest": 0.0}, rel=0.02
+        {"T": 0.5, "tau": 150.0, "clock": 3.0, "along": 0.0, "rises": 1.0, "rest": 0.0, "cools": 1.0}, rel=0.02
     )

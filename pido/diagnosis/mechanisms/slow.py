@@ -93,7 +93,7 @@ class ThermalDrift(Mechanism):
         rests = states[0].axis in LINEAR_AXES and any(np.any((s.held != 0) & ~s.moving) for s in states)
         held = float(HELD if all(s.sim_held is None for s in states) else SIMULATED)
         return tuple(
-            {"tau": tau, "clock": clock, "along": along, "rises": rises, "rest": rest}
+            {"tau": tau, "clock": clock, "along": along, "rises": rises, "rest": rest, "cools": 1.0}
             for tau in dict.fromkeys(taus.tolist())
             for clock, rises in forms
             for along in (0.0, 1.0, 2.0)
