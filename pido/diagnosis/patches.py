@@ -19,6 +19,7 @@ from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.judge import WORTH, Judge
 from pido.diagnosis.mechanisms.base import Parameter, column
+from pido.diagnosis.mechanisms.hard_zone import over_rectangles
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
@@ -162,11 +163,7 @@ def _best_rectangle(
 def _gains(felt: Float2D, cell: Int1D, always: Float1D) -> tuple[Float2D, Int1D, Int1D]:
     """(k, k) – gain of each rectangle of cells, by its ends along the one place and along the other; those ends, (k,)
     cells each. always : sums of `felt` over all rows"""
-    first, last = np.triu_indices(_CELLS + 1, k=1)
-    sums = [np.bincount(cell, weight, minlength=_CELLS**2) for weight in felt]
-    grid = np.pad(np.reshape(sums, (-1, _CELLS, _CELLS)).cumsum(1).cumsum(2), ((0, 0), (1, 0), (1, 0)))
-    strips = grid[:, last] - grid[:, first]
-    inner, own, rows = strips[:, :, last] - strips[:, :, first]
+    (inner, own, rows), first, last = over_rectangles(cell, felt, _CELLS)
     share, there = own / max(always[1], 1e-300), rows / max(always[2], 1.0)
     left = own * (1.0 - share)
     met = (there > _LEAST_SHARE) & (there < _MOST_SHARE) & (share > _LEAST_SHARE) & (share < _MOST_SHARE)

@@ -6,7 +6,7 @@ In:  `AxisState` with a simulated process load and the place of the tool. Out: a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -209,19 +209,25 @@ def best_rectangle(
         return None
     value = _beside_one_for_all(force, value)
     edges, at = zip(*(_binned(v) for v in (x, y)), strict=True)
-    cell = at[0] * _BINS + at[1]
-    sums = []
-    for weight in (force * value, force**2):
-        grid = np.bincount(cell, weight, minlength=_BINS**2).reshape(_BINS, _BINS)
-        sums.append(np.pad(grid.cumsum(0).cumsum(1), ((1, 0), (1, 0))))
-    first, last = np.triu_indices(_BINS + 1, k=1)
-    strips = [s[last] - s[first] for s in sums]
-    inner, own = (s[:, last] - s[:, first] for s in strips)
+    (inner, own), first, last = over_rectangles(at[0] * _BINS + at[1], (force * value, force**2), _BINS)
     gain = _differs(inner, own, float(force @ force))
     i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
     if gain[i, j] <= 0:
         return None
     return _middle(edges[0], first[i], last[i]), _middle(edges[1], first[j], last[j])
+
+
+def over_rectangles(cell: Int1D, weights: Iterable[Float1D], cells: int) -> tuple[Float2D, Int1D, Int1D]:
+    """(weights, k, k) – sums of each weight (n,) inside every rectangle of a grid of `cells` by `cells`, by its ends
+    along the one place and along the other; those ends, (k,) cells each.
+
+    cell : (n,) – number of each row's cell, that along the first place times `cells` plus that along the second
+    """
+    sums = [np.bincount(cell, weight, minlength=cells**2) for weight in weights]
+    grid = np.pad(np.reshape(sums, (-1, cells, cells)).cumsum(1).cumsum(2), ((0, 0), (1, 0), (1, 0)))
+    first, last = np.triu_indices(cells + 1, k=1)
+    strips = grid[:, last] - grid[:, first]
+    return strips[:, :, last] - strips[:, :, first], first, last
 
 
 def best_layer(place: Float2D, force: Float1D, value: Float1D) -> tuple[float, float, float, float] | None:
