@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -31,6 +31,7 @@ from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, witho
 from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
+from pido.diagnosis.faults import input_faults
 from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSeries, Rejected
 from pido.diagnosis.flexible import flexible_rest
 from pido.diagnosis.identify import Answer
@@ -82,7 +83,7 @@ def diagnose(
     Raises DiagnosisError where nothing can be compared.
     """
     # Its arrays are small: threads of BLAS and trees that wait for one another cost more than they bring.
-    with threadpool_limits(limits=1), kept_memory():
+    with threadpool_limits(limits=1):
         return _diagnose(recordings, pair, machine, np.random.default_rng(seed), on_progress)
 
 
@@ -111,11 +112,14 @@ def _diagnose(
     limits = {a: clipped(parts, a) for a in axes}
     count = 2 * len(axes)
     several = len(axes) * sum(len(r) for r in parts) > _WORTH_PROCESSES
+    jobs = min(len(axes), os.cpu_count() or 1) if several else 1
+    for recording in parts:
+        input_faults(recording)  # found once, and known in all processes
 
     def each(work: Callable[..., Result], given: Mapping[str, tuple[Any, ...]], done: int, what: str):
         """Result of `work` for every axis, each with random numbers of its own."""
         calls = {a: (*given[a], r) for a, r in zip(axes, rng.spawn(len(axes)), strict=True)}
-        return _each(work, calls, several, lambda k, a: on_progress(done + k, count, f"{what} axis {a}"))
+        return _each(work, calls, jobs, lambda k, a: on_progress(done + k, count, f"{what} axis {a}"))
 
     looks = each(_look_at, {a: (parts, a, machine, limits[a]) for a in axes}, 0, "first look at")
     delays, answers = in_its_time(looks, limits, lambda work, given, what: each(work, given, 0, what))
@@ -164,20 +168,22 @@ def _diagnose(
 
 
 def _each(
-    work: Callable[..., Result], calls: Mapping[str, tuple[Any, ...]], several: bool, tell: Callable[[int, str], None]
+    work: Callable[..., Result], calls: Mapping[str, tuple[Any, ...]], jobs: int, tell: Callable[[int, str], None]
 ) -> dict[str, Result]:
-    """What `work` makes of every axis; in several processes where that is worth starting them."""
-    jobs = min(len(calls), os.cpu_count() or 1) if several else 1
-    made: Iterator[Any] = (work(*given) for given in calls.values())
+    """What `work` makes of every axis, in so many processes."""
+    made: Iterator[Any] = (_keeping_memory(work, *given) for given in calls.values())
     if jobs > 1:
-        each = (delayed(_keeping_memory)(work, *given) for given in calls.values())
-        most = _MAPPED_FROM if work in (_look_at, _prove) else None
-        made = iter(Parallel(n_jobs=jobs, return_as="generator", max_nbytes=most)(each))
+        made = _in_processes(jobs, (delayed(_keeping_memory)(work, *given) for given in calls.values()))
     out: dict[str, Result] = {}
     for k, axis in enumerate(calls):
         tell(k, axis)
         out[axis] = next(made)
     return out
+
+
+def _in_processes(jobs: int, calls: Iterable[Any]) -> Iterator[Any]:
+    """Every step has the same options: others would start all processes anew."""
+    return iter(Parallel(n_jobs=jobs, return_as="generator", max_nbytes=_MAPPED_FROM, mmap_mode="c")(calls))
 
 
 def _keeping_memory(work: Callable[..., Result], *given: Any) -> Result:
