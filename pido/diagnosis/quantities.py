@@ -100,7 +100,7 @@ _FORMS = (  # of a name in text; longest first. What is zero or one, and signs, 
     (r"{u}²", "the square of {said}"),
     (r"{u}³", "the cube of {said}"),
 )
-_NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
+_NUMBER = r"-?\d[\d.]*+(?:e[-+]?\d++)?+"  # whole: none of its first digits alone
 
 
 def in_words(text: str, names: Collection[str]) -> str:
@@ -108,6 +108,8 @@ def in_words(text: str, names: Collection[str]) -> str:
 
     >>> in_words("depending on v_x from -20 to 30 and AR from 0 to 4", ["v_x", "AR"])
     'depending on the speed of the x axis from -20 to 30 mm/s and the engaged area from 0 to 4 mm²'
+    >>> in_words("where pos_x from 129.9 to 189.9 mm", ["pos_x"])
+    'where the position of the x axis from 129.9 to 189.9 mm'
     >>> in_words("around |v_sp| = 1.8e+04 deg/s", ["v_sp"])
     'where the speed of the spindle, either way, is about 18000 deg/s (3000 rpm)'
     """
