@@ -264,7 +264,7 @@ def next_named(library: Library, noise: Noise, terms: Sequence[Term]) -> Score |
     asked = max(LEAST_GAIN, CLEARLY + (1 + CONFINED) * everywhere)
     # A law that acts in a box may act in a second one; in two of its own axis' speed it would be another law of that.
     count = Counter(t.name for t in terms if _is_elsewhere(t, library.mismatch.axis))
-    confined = best_region(library, current, {t.name for t in terms if count[t.name] != 1}, asked)
+    confined = best_region(library, current, {t.name for t in terms if count[t.name] != 1}, asked, best)
     return confined if confined is not None and current.bic - confined.bic > asked else best
 
 

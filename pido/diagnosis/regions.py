@@ -44,19 +44,32 @@ _ROUNDS = 4
 _SHARES = (1.0, 0.1, 0.01)  # of the values between two places, among which a limit is moved at last
 _NEAR = 6  # places, on either side of a limit, that are tried with those spread over all
 _REGIONS = frozenset({"material_hard_zone"})  # confined by themselves: to where, not to how fast
-_OF_THE_CUT = frozenset({"force", "m_sp", "mrr", "engaged", "ar", "coolant"})  # fields of a state
+_NOT_OF_THE_SPEED = frozenset({"pos", "force", "m_sp", "mrr", "engaged", "ar", "coolant"})  # fields of a state
 _NEAR_IT = 0.7  # of what is asked of a box, that it has to bring before its limits are known to the row
 _ALL = 0.999  # of what is left: a sum over cells that takes more away has rounded
 _CHUNK = 32  # terms looked at at a time
 
 
-def best_region(library: Library, current: Basis, taken: Collection[str] = (), asked: float = 0.0) -> Score | None:
+def best_region(
+    library: Library,
+    current: Basis,
+    taken: Collection[str] = (),
+    asked: float = 0.0,
+    everywhere: Score | None = None,
+) -> Score | None:
     """The best confined version of any mechanism that is not `taken`; None where there is none, or none that comes near
-    what is `asked` of it, in BIC below that of what is there already."""
+    what is `asked` of it, in BIC below that of what is there already.
+
+    everywhere : the best that is not confined: it may be so by a speed in both directions, of which no box has more
+        than one
+    """
     space = library.space
     if space is None:
         return None
     best = _best_on(space, space.coarse, library, current, taken)
+    if everywhere is not None and everywhere.term.name not in taken:
+        within = _sharpen(library, current, everywhere, space, either_way=True)
+        best = min((s for s in (best, within) if s is not None and s.term.gates), key=_price, default=None)
     if best is None or current.bic - best.bic < _NEAR_IT * asked:
         return None
     # Once its limits are known, to the row, other laws can be asked within the same: one that falls with speed looks
@@ -240,11 +253,20 @@ def _to_the_row(library: Library, current: Basis, score: Score, space: Space) ->
     return score
 
 
-def _sharpen(library: Library, current: Basis, score: Score, space: Space, share: float = 0.0, but: str = "") -> Score:
+def _sharpen(
+    library: Library,
+    current: Basis,
+    score: Score,
+    space: Space,
+    share: float = 0.0,
+    but: str = "",
+    either_way: bool = False,
+) -> Score:
     """The best interval of one variable after another, the most worth first.
 
     share : of the values between two places, between which the limits there are are moved; 0: at places only
-    but : a variable that is left as it is; speeds without their sign, unless they limit it already, come in its place
+    but : a variable that is left as it is
+    either_way : whether speeds without their sign may limit it which do not already
     """
     while True:
         found = []
@@ -252,7 +274,7 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
             if variable == but or variable == _never_limits(library, score.term):
                 continue
             own = [_limit(g) for g in score.term.gates if g.variable == variable]
-            if variable in EITHER_WAY and not (own or (but and _may_limit(library, variable, score.term))):
+            if variable in EITHER_WAY and not (own or (either_way and _may_limit(library, variable, score.term))):
                 continue
             limits = space.between_rows(variable, own, share) if share else _limits_near(at, own)
             if len(limits):
@@ -264,11 +286,12 @@ def _sharpen(library: Library, current: Basis, score: Score, space: Space, share
 
 
 def _may_limit(library: Library, speed: str, term: Term) -> bool:
-    """Whether a speed without its sign may limit a term: not that of the own axis, unless the term is of the cut.
+    """Whether a speed without its sign may limit a term: not that of the own axis, unless the term is of the
+    cut or of a place.
 
     What the motion alone says, and depends on how fast its axis goes either way, is a law of that speed.
     """
-    return speed != f"|v_{library.mismatch.axis}|" or not _OF_THE_CUT.isdisjoint(term.mechanism.follows_from)
+    return speed != f"|v_{library.mismatch.axis}|" or not _NOT_OF_THE_SPEED.isdisjoint(term.mechanism.follows_from)
 
 
 def _otherwise(library: Library, current: Basis, score: Score, space: Space) -> Score:
@@ -286,7 +309,7 @@ def _with_fewer(library: Library, current: Basis, score: Score, space: Space, sh
         fewer = library.score(replace(score.term, gates=rest), current)
         for share in shares:
             if fewer is not None:
-                fewer = _sharpen(library, current, fewer, space, share, but=variable)
+                fewer = _sharpen(library, current, fewer, space, share, but=variable, either_way=True)
         if fewer is not None:
             best = min(best, fewer, key=_with_limits)
     return best

@@ -125,6 +125,7 @@ def test_a_box_with_limits_on_both_sides_is_found_with_all_of_them():
 
 WAYS = {
     "both ways": (lambda s: 0.08 * np.sign(s.v), lambda s: np.abs(other(s)) > 8.0, {"|v_y|"}),
+    "own, of a place": (lambda s: 0.12 * np.sin(2 * np.pi * s.pos / 7.0), lambda s: np.abs(s.v) > 9.0, {"|v_x|"}),
     "own, of the cut": (lambda s: 0.0005 * s.force, lambda s: np.abs(s.v) > 9.0, {"|v_x|"}),
     "ring": (lambda s: 0.006 * s.v, lambda s: np.hypot(s.v, other(s)) > 15.0, {"path speed"}),
 }  # fmt: skip
