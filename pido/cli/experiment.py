@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 from click.core import ParameterSource
+from joblib import cpu_count
 
 from pido.cli.inputs import Input
 from pido.cli.outputs import Output
@@ -93,7 +94,6 @@ def command(
     pido experiment real-mismatch --data recordings/
     """
     import json
-    import os
 
     from pido.cli.progress import Progress
     from pido.config import load_job
@@ -104,7 +104,7 @@ def command(
 
     _meaningful(ctx, name)
     if name in PROOFS:
-        _prove(name, data, out / name, cases, seed, workers or os.cpu_count() or 1, quick, resume, as_json, machine)
+        _prove(name, data, out / name, cases, seed, workers or cpu_count(), quick, resume, as_json, machine)
         return
     job = None if job_file is None else load_job(job_file)
     told = []
@@ -112,7 +112,7 @@ def command(
         folder = out / name / place
         with Progress(f"{name}, {source}") as progress:
             result = run_experiment(
-                name, source, folder=folder, repeats=repeats, seed=seed, workers=workers or os.cpu_count() or 1,
+                name, source, folder=folder, repeats=repeats, seed=seed, workers=workers or cpu_count(),
                 cluster=cluster, quick=quick, resume=resume, machine=machine, job=job, estimators=estimators,
                 percents=percents, delivered=delivered, on_progress=progress,
             )  # fmt: skip

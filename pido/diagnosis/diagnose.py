@@ -9,13 +9,12 @@ axis, the search of `pido.diagnosis.search`; amplitudes, intervals and proof on 
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import Parallel, cpu_count, delayed
 from threadpoolctl import threadpool_limits
 
 from pido.core.arrays import Float1D
@@ -112,7 +111,7 @@ def _diagnose(
     limits = {a: clipped(parts, a) for a in axes}
     count = 2 * len(axes)
     several = len(axes) * sum(len(r) for r in parts) > _WORTH_PROCESSES
-    jobs = min(len(axes), os.cpu_count() or 1) if several else 1
+    jobs = min(len(axes), cpu_count()) if several else 1
     for recording in parts:
         input_faults(recording)  # found once, and known in all processes
 

@@ -1,9 +1,10 @@
-"""What is switched by a quantity and stays so for a while, as a brake chopper, a lubrication or a clamp does: a model
-without a name.
+"""What is switched by a quantity and stays so: for a while, as a brake chopper, a lubrication or a clamp does, or until
+the quantity is below another level, as windings, gains and gears that are changed by speed do. Models without a name.
 
 In:  the residual of one axis with its noise, and the quantities that may switch something.
-Out: `Latched` terms worth a closer look.
-All levels of a quantity are compared at once, by the largest value that it had within the time that something stays on.
+Out: `Latched` and `Switched` terms worth a closer look.
+All levels of a quantity are compared at once: by the largest value that it had within the time that something stays on;
+in pairs, over stretches within which it passes none.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 from scipy.sparse import csr_array
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.core.axes import AXES
-from pido.diagnosis.formulas import FORMS, Unnamed, side_of, written
+from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, side_of, unit_of, written
 from pido.diagnosis.judge import WORTH, Judge
 from pido.diagnosis.levels import levels_of, neighbours
 from pido.diagnosis.mechanisms.base import Parameter
@@ -33,6 +34,9 @@ _LEAST_SHARE = 0.01  # of the rows that it is on, and off
 _CLOSER = 4  # of each quantity, that are looked at more closely
 _BEST = 4
 _FINE = 9  # levels, and times, that are compared around the best
+_PAIRED = 8  # levels evenly over a quantity, compared in pairs with as many by how often it is there
+_QUANTILES = np.linspace(0.08, 0.92, _PAIRED)
+_FINER = 5  # levels around each of the best pair
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,132 @@ class Latched(Unnamed):
         return {"c": float(shape["c"] * far[0]), "T": float(shape["T"] * far[1])}
 
 
+@dataclass(frozen=True)
+class Switched(Unnamed):
+    """dI = (k_0 + k * h) * q; h = 1 once a quantity is above c_on, until it is below c_off (Schmitt's trigger).
+
+    even : of |u| in place of u. carried, carried_unit, form : q as a form of a quantity; none: q = 1
+    """
+
+    signal: str
+    unit: str
+    even: bool
+    carried: str = ""
+    carried_unit: str = "–"
+    form: str = "u"
+
+    passes_loop: ClassVar[bool] = False
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({self.signal, self.carried} - {""})
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        unit = ampere_per(unit_of([(self.carried_unit, self.form)]))
+        return Parameter("k", unit), Parameter("k_0", unit)
+
+    @property
+    def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        return Parameter("c_on", self.unit, scale="linear"), Parameter("c_off", self.unit, scale="linear")
+
+    @property
+    def _written(self) -> str:
+        return written(self.signal, side_of(self.even))
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        law = f"(k_0 + k * h) * {written(self.carried, self.form)}" if self.carried else "k_0 + k * h"
+        return f"dI = {law}; h = 1 once {self._written} > c_on, until {self._written} < c_off, else 0"
+
+    def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
+        with_it = f"with {written(self.carried, self.form)}, " if self.carried else ""
+        on, off = (f"{shape[c]:.3g} {self.unit}" for c in ("c_on", "c_off"))
+        return f"{with_it}once {self._written} > {on}, until {self._written} < {off}", ()
+
+    def regressors(self, state: AxisState, **shape: float) -> Float2D:
+        known = signals(state, self.reads)
+        u = self.place(known[self.signal][0])
+        on = _switched(u > shape["c_on"], u < shape["c_off"], np.zeros(1, int))
+        return np.column_stack([on, np.ones(len(on))]) * self.carrier(known)[:, None]
+
+    def place(self, u: Float1D) -> Float1D:
+        """(n,) – where values of the signal lie beside the levels."""
+        return FORMS[side_of(self.even)](u)
+
+    def carrier(self, known: Known) -> Float1D:
+        """(n,) – q, at values of the quantities."""
+        return FORMS[self.form](known[self.carried][0]) if self.carried else np.ones(len(known[self.signal][0]))
+
+    def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
+        far = 0.1 * abs(shape[name])
+        return shape[name] - far, shape[name] + far
+
+    def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
+        """The shape a step away; `by` is in tenths of the levels."""
+        far = np.exp(0.1 * np.clip(by, -10, 10))
+        return {name: float(shape[name] * step) for name, step in zip(("c_on", "c_off"), far, strict=True)}
+
+
+def _switched(on: Bool1D, off: Bool1D, starts: Int1D) -> Float1D:
+    """(n,) – 1 from where it is switched on to where it is switched off, 0 elsewhere and before either."""
+    at = np.where(on | off, np.arange(len(on)), -1)
+    at[starts] = np.maximum(at[starts], starts)
+    return on[np.maximum.accumulate(at)].astype(float)
+
+
+def switched_terms(judge: Judge, known: Known) -> list[Term]:
+    """What takes away most of the whitened rows of a residual, the best of each quantity that switches.
+
+    known : `common_signals` of the mismatch
+    """
+    axis, edges, felt = judge.mismatch.axis, judge.mismatch.edges, np.ascontiguousarray(judge.felt.T)
+    own = [(name, form) for name, form in ((f"I_{axis}", "u"), (f"v_{axis}", "sgn u")) if name in known]
+    found = []
+    for law in _laws(axis, known):
+        offered = []
+        for name, form in (("", "u"), *own):
+            unit = known[name][1] if name else "–"
+            trial = Switched(law.signal, law.unit, law.even, name, unit, form)
+            offered += _best_levels(trial, known, felt, edges)
+        best = [term for gain, term in sorted(offered, key=lambda o: -o[0])[:_CLOSER] if gain > WORTH]
+        found += [judge.best(best)] if best else []
+    return judge.ranked(found)[:_BEST]
+
+
+def _best_levels(law: Switched, known: Known, felt: Float2D, edges: Int1D) -> list[tuple[float, Term]]:
+    """The pairs of levels that take away most beside a factor on all of q, each with about what it takes away.
+
+    felt : (n, 1 + signs), as a `Judge` has them
+    """
+    u, q = law.place(known[law.signal][0]), law.carrier(known)
+    offered = np.unique(np.r_[np.linspace(*np.quantile(u, [0.01, 0.99]), _PAIRED), np.quantile(u, _QUANTILES)])
+    found: list[tuple[float, Term]] = []
+    for levels in (offered, None):
+        if levels is None and not found:
+            break
+        if levels is None:
+            best = dict(found[0][1].shape)
+            levels = np.unique([np.linspace(*neighbours(offered, best[c]), _FINER) for c in ("c_on", "c_off")])
+        place = np.searchsorted(levels, u)  # levels that are below
+        first = np.flatnonzero(np.r_[True, np.diff(place) != 0])
+        first = np.union1d(first, edges[:-1])
+        at, starts = place[first], np.searchsorted(first, edges[:-1])
+        lengths = np.diff(np.r_[first, len(u)]) / len(u)
+        sizes = np.add.reduceat(q**2, first) / max(float(q @ q), 1e-300)
+        sums = np.add.reduceat(felt * q[:, None], first, axis=0)
+        pairs = [(i, j) for i in range(len(levels)) for j in range(i)]
+        h = np.array([_switched(at > i, at <= j, starts) for i, j in pairs]).reshape(len(pairs), len(first))
+        gains, rows = _gains(h @ sums, sums.sum(axis=0), h @ sizes), h @ lengths
+        gains[(rows < _LEAST_SHARE) | (rows > 1 - _LEAST_SHARE)] = 0.0
+        found += [
+            (float(gains[k]), Term(law, (("c_on", float(levels[pairs[k][0]])), ("c_off", float(levels[pairs[k][1]])))))
+            for k in np.argsort(gains)[: -_CLOSER - 1 : -1]
+        ]
+        found.sort(key=lambda f: -f[0])
+    return found
+
+
 def latched_terms(judge: Judge, known: Known) -> list[Term]:
     """What takes away most of the whitened rows of a residual, the best of each quantity.
 
@@ -133,12 +263,22 @@ def _best_level(
     there = csr_array((np.ones(len(passed)), (passed, np.arange(len(passed)))), shape=(len(levels) + 1, len(passed)))
     on = np.cumsum((there @ felt)[::-1], axis=0)[::-1][1:]  # (levels, 1 + signs)
     rows = np.cumsum(np.bincount(passed, minlength=len(levels) + 1)[::-1])[::-1][1:] / len(passed)
-    always = felt.sum(axis=0)
-    size = np.mean(always[1:] ** 2) + 1e-300
-    share = np.mean(on[:, 1:] * always[1:], axis=1) / size
-    beside = on - share[:, None] * always
-    left = np.mean(beside[:, 1:] ** 2, axis=1)
-    met = (rows > _LEAST_SHARE) & (rows < 1 - _LEAST_SHARE) & (left > 0)
-    gains = np.where(met, beside[:, 0] ** 2 / np.where(met, left, 1.0), 0.0)
+    gains = _gains(on, felt.sum(axis=0), rows)
+    gains[(rows < _LEAST_SHARE) | (rows > 1 - _LEAST_SHARE)] = 0.0
     best = int(np.argmax(gains))
     return float(gains[best]), float(levels[best]), float(stays)
+
+
+def _gains(on: Float2D, always: Float1D, share: Float1D) -> Float1D:
+    """(k,) – about what each of some columns takes away beside one that is always on.
+
+    on : (k, 1 + signs), always : (1 + signs,) – products with the rows of a `Judge`. share : (k,), of the power of what
+    is always on: how large a column is, random signs tell by chance, and of many columns one far too small
+    """
+    size = np.mean(always[1:] ** 2) + 1e-300
+    common = np.mean(on[:, 1:] * always[1:], axis=1) / size
+    beside = on - common[:, None] * always
+    left, alone = np.mean(beside[:, 1:] ** 2, axis=1), share * (1 - share)
+    each = np.divide(left, alone, out=np.zeros(len(left)), where=alone > 0)
+    left = np.maximum(left, alone * np.median(each[alone > 0])) if np.any(alone > 0) else left
+    return np.where(left > 0, beside[:, 0] ** 2 / np.where(left > 0, left, 1.0), 0.0)

@@ -25,7 +25,7 @@ from pido.diagnosis.events import ExternalForce, Rhythm
 from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.gates import Gate
-from pido.diagnosis.latched import Latched
+from pido.diagnosis.latched import Latched, Switched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.late_arms import LaggedArm, Warped
 from pido.diagnosis.lateness import Late, shifted
@@ -307,6 +307,9 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"rested": axis, "unit": unit}
         case Latched(signal=signal, unit=unit, even=even):
             own |= {"latched": signal, "unit": unit, "even": even}
+        case Switched(signal=signal, unit=unit, even=even, carried=carried, carried_unit=of_it, form=form):
+            own |= {"switched": signal, "unit": unit, "even": even}
+            own |= {"carried": carried, "carried_unit": of_it, "form": form}
         case Patch(places=places, signal=signal, unit=unit, form=form):
             own |= {"patch": list(places), "carries": signal, "unit": unit, "form": form}
         case Transient(signal=signal, unit=unit, side=side, even=even, level=level, rings=rings):
@@ -395,6 +398,9 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Rested(str(own["rested"]), str(own["unit"]))
     if "latched" in own:
         return Latched(str(own["latched"]), str(own["unit"]), bool(own["even"]))
+    if "switched" in own:
+        carried = (str(own[k]) for k in ("carried", "carried_unit", "form"))
+        return Switched(str(own["switched"]), str(own["unit"]), bool(own["even"]), *carried)
     if "patch" in own:
         one, other = map(str, own["patch"])
         return Patch((one, other), *(str(own[k]) for k in ("carries", "unit", "form")))

@@ -34,7 +34,7 @@ from pido.diagnosis.formulas import (
 from pido.diagnosis.ground import Ground
 from pido.diagnosis.identify import numbers
 from pido.diagnosis.judge import Judge
-from pido.diagnosis.latched import Latched, latched_terms
+from pido.diagnosis.latched import Latched, Switched, latched_terms, switched_terms
 from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Modulated, late_terms
 from pido.diagnosis.late_arms import late_arms
 from pido.diagnosis.library import Basis, Library, Score, basis
@@ -77,7 +77,7 @@ _OFFERED = 40  # by averages, whose quantities curves and surfaces are asked ove
 _TUNED = 3
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
-_REMEMBERS = (Ringing, Behind, Rested, Transient, Latched)
+_REMEMBERS = (Ringing, Behind, Rested, Transient, Latched, Switched)
 _FIRST_STEPS = (0.5, 0.4, 0.4, 0.4)  # of the shape parameters
 _TRIALS = 20  # of a shape, per parameter
 
@@ -216,7 +216,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     late += rested_terms(mismatch, few)
     judge = Judge(mismatch, noise, residual)
     late += [*transient_terms(judge, ground.seldom), *latched_terms(judge, ground.whole)]
-    late += patch_terms(judge, ground.whole)
+    late += [*switched_terms(judge, ground.whole), *patch_terms(judge, ground.whole)]
     scores = [s for t in (*offered[:_FINALISTS], *quick, *late) if (s := library.score(t, current)) is not None]
     laws: dict[Mechanism, Score] = {}
     for score in sorted(scores, key=lambda s: s.bic):

@@ -6,7 +6,6 @@ Out: weights (bins, points); and, without ever holding them all, their product w
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import TypeVar
 
 import numba
 import numpy as np
+from joblib import cpu_count
 from threadpoolctl import ThreadpoolController
 
 from pido.core.arrays import Float1D, Float2D
@@ -141,7 +141,7 @@ def in_threads(work: Callable[[S], T], shares: Sequence[S], size: int) -> list[T
     with _blas().limit(limits=1, user_api="blas"):
         if size < 1e8 or len(shares) == 1:
             return [work(share) for share in shares]
-        with ThreadPoolExecutor(min(len(shares), os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(len(shares), cpu_count())) as pool:
             return list(pool.map(work, shares))
 
 

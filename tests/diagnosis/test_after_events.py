@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pido.diagnosis.latched import Latched
+from pido.diagnosis.latched import Latched, Switched
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.transients import Transient
 from pido.diagnosis.waves import Wave
@@ -74,6 +74,21 @@ def test_what_stays_switched_on_for_a_while_is_found_with_its_time():
     assert isinstance(term.mechanism, Latched)
     assert term.mechanism.signal == "v_y"
     assert dict(term.shape)["T"] == pytest.approx(1.2, rel=0.1)
+
+
+@pytest.mark.parametrize("carried", ["", "v_x"])
+def test_what_is_switched_on_at_one_speed_and_off_at_another_is_found_with_both(carried):
+    def geared(state):
+        on, out = False, np.zeros(len(state.v))
+        for i, u in enumerate(np.abs(state.others["y"].v)):
+            on = u > 9.0 or (on and u >= 3.0)
+            out[i] = on
+        return (out - 0.4) * (np.sign(state.v) if carried else 1.0)
+
+    term = found_in(geared, strength=3.0)
+    assert isinstance(term.mechanism, Switched)
+    assert (term.mechanism.signal, term.mechanism.carried) == ("v_y", carried)
+    assert (dict(term.shape)["c_on"], dict(term.shape)["c_off"]) == pytest.approx((9.0, 3.0), rel=0.1)
 
 
 def test_what_comes_again_with_the_volume_removed():
