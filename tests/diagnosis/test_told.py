@@ -139,6 +139,7 @@ def test_a_scale_is_told_as_a_factor():
         (0, "within 0.0268 mm after a reversal of the x axis", ("travel since reversal < 0.0268",)),
         (1, "whichever way the x axis moves and while it holds, its sign turning within 0.0268 mm", ()),
         (2, "after a reversal of the x axis and at standstill", ("travel since reversal < 0.0268 or v_x = 0",)),
+        (3, "within 0.0268 mm after a reversal of the x axis", ("travel since reversal < 0.0268",)),
     ],
 )
 def test_presliding_friction_is_told_to_act_where_its_form_does(full, said, conditions):

@@ -397,7 +397,8 @@ def _ends(states: Sequence[AxisState]) -> tuple[float, float]:
 class PreslidingHysteresis(Mechanism):
     """Friction that turns over a small way after a reversal (Dahl 1968).
 
-    `full`: 0 what a held sign lacks of it; 1 all of it; 2 what sgn(v) lacks of it, which is zero at standstill.
+    `full`: 0 what a held sign lacks of it; 1 all of it; 2 what sgn(v) lacks of it, which is zero at standstill; 3 that
+    of a drive which holds nothing at standstill.
     """
 
     id = "presliding_hysteresis"
@@ -405,16 +406,18 @@ class PreslidingHysteresis(Mechanism):
     becomes = frozenset({"coulomb_friction"})
     equation = "dI = F_p * (z - z_sim); dz/ds = (h - z) / x_0, h = direction of the last motion, z_sim = h, 0 or sgn(v)"
     amplitudes = (Parameter("F_p", "A", low=0.0),)
-    shape = (Parameter("x_0", "mm", low=0.003, high=3.0, scale="log", points=7), choice("full", 3))
+    shape = (Parameter("x_0", "mm", low=0.003, high=3.0, scale="log", points=7), choice("full", 4))
     axes = LINEAR_AXES
 
     def regressors(self, state, *, x_0, full):
         z = dahl_state(state.held, state.since_reversal, state.segment, x_0)
+        if round(full) == 3:
+            return column((z - state.held) * state.moving)
         simulated = (state.held, np.zeros(len(z)), direction(state))[round(full)]
         return column(z - simulated)
 
     def equation_in(self, axis, shape):
-        lacks = ("(z - h)", "z", f"(z - sgn(v)), sgn(v) {at_rest()}")[round(shape["full"])]
+        lacks = ("(z - h)", "z", f"(z - sgn(v)), sgn(v) {at_rest()}", f"(z - h), {at_rest()}")[round(shape["full"])]
         return f"dI = F_p * {lacks}; dz/ds = (h - z) / x_0, h = direction of the last motion"
 
     def needs(self, states):
@@ -426,7 +429,7 @@ class PreslidingHysteresis(Mechanism):
         if full == 1:
             turning = f"its sign turning within {way} mm after a reversal"
             return f"whichever way the {axis} axis moves and while it holds, {turning}", ()
-        held, stands = (" and at standstill", f" or v_{axis} = 0") if full else ("", "")
+        held, stands = (" and at standstill", f" or v_{axis} = 0") if full == 2 else ("", "")
         near = f"travel since reversal < {way}"
         return f"within {way} mm after a reversal of the {axis} axis{held}", (near + stands,)
 
