@@ -30,7 +30,7 @@ def units(mechanism: Mechanism, shape: Mapping[str, float], axis: str) -> dict[s
             lever = axis == "sp" and choice["along"] == 2
             return {"K_e": ("A", "A/mm", "A/mm²")[(choice["length"] > 0) + lever]}
         case "tool_wear":
-            used = ("cm³", "min")[choice["by"]]
+            used = ("cm³", "min")[choice["by"]] + (f"^{shape['power']:.3g}" if choice.get("grows") else "")
             per = (force, "", "", "N·m")[choice["of"]]
             return {"W": f"A/({used}·{per})" if per else f"A/{used}"}
         case "material_hard_zone":

@@ -392,6 +392,8 @@ ROWS = [
     ("edge_force", "x", lambda f: 0.05 * f.a_p * (f.mrr > 0) * sgn(f), {"K_e": 0.05}, 0.95),
     ("tool_wear", "sp", lambda f: 0.02 * wear_volume(f) * f.m_sp, {"W": 0.02}, 0.97),
     ("tool_wear", "x", lambda f: 1e-4 * wear_volume(f) * f.force["x"], {"W": 1e-4}, 0.97),
+    ("tool_wear", "x", lambda f: 1e-5 * wear_volume(f) ** 1.6 * f.force["x"], {"power": 1.6}, 0.97),
+    ("tool_wear", "x", lambda f: 1e-3 * wear_volume(f) ** 0.6 * f.force["x"], {"power": 0.6}, 0.97),
     ("tool_wear", "x", lambda f: 0.02 * wear_volume(f) * (f.mrr > 0), {"W": 0.02}, 0.95),
     ("material_hard_zone", "x", lambda f: 0.003 * f.force["x"] * zone(f, True), {"H": 0.003, "x_c": 10}, 0.93),
     ("material_hard_zone", "sp", lambda f: 0.3 * f.m_sp * zone(f, False), {"H": 0.3}, 0.93),

@@ -138,35 +138,67 @@ def _side(state: AxisState, along: int) -> Float1D | None:
 
 
 class ToolWear(Mechanism):
-    """Cutting load that grows with use; `by`: 0 volume (cm³), 1 time in cut (min); `of`: 0 load, 1 edge, 2 along v."""
+    """Cutting load that grows with use; `by`: 0 volume (cm³), 1 time in cut (min); `of`: 0 load, 1 edge, 2 along v.
+
+    `grows`: 0 evenly, 1 with a power of the use: below 1 it runs in, above 1 it wears ever faster.
+    """
 
     id = "tool_wear"
-    equation = "dI = W * V * F, or W * V while engaged; V = volume or time that the edge has cut"
+    equation = "dI = W * V^power * F, or W * V^power while engaged; V = volume or time that the edge has cut"
     amplitudes = (Parameter("W", "A per cm³ or min, per N, N·m or 1"),)
-    shape = (choice("by", 2), choice("of", 4))
+    shape = (
+        choice("by", 2),
+        choice("of", 4),
+        choice("grows", 2, first=1),
+        Parameter("power", "–", low=0.5, high=2.5, scale="log", values=(1.0,)),
+    )
     summary = "{axis} axis, while cutting, growing with what the tool has cut"
     follows_from = ("cut_volume", "cut_time", "force", "m_sp")
 
-    def regressors(self, state, *, by, of):
+    def regressors(self, state, *, by, of, grows=0.0, power=1.0):
         used = state.cut_volume if round(by) == 0 else state.cut_time
         if used is None or state.engaged is None:
             return nothing(state)
         used = used / (1000.0 if round(by) == 0 else 60.0)
         factor = (load(state), state.engaged.astype(float), state.engaged * direction(state), state.m_sp)[which(of, 4)]
-        return nothing(state) if factor is None else column(used * factor)
+        worn = used if round(grows) == 0 else np.maximum(used, 0.0) ** power
+        return nothing(state) if factor is None else column(worn * factor)
+
+    def starts(self, states):
+        """What wears evenly, and on the load and on the edge also what does not."""
+        every = super().starts(states)
+        powers = [{**s, "grows": 1.0, "power": power} for s in every if s["of"] < 2 for power in (0.7, 1.5)]
+        return *every, *powers
+
+    def around(self, name, shape, states):
+        if name != "power":
+            return super().around(name, shape, states)
+        power = shape.get(name, 1.0)
+        return (power, power) if not _by_power(shape) else ((0.5, 0.95) if power < 1.0 else (1.05, 2.5))
+
+    def free(self, shape):
+        return int(_by_power(shape))
+
+    def idle(self, shape):
+        return frozenset() if _by_power(shape) else frozenset({"power"})
 
     def equation_in(self, axis, shape):
         used = ("volume that the edge has cut, cm³", "time that the edge has cut, min")[round(shape["by"])]
+        wear = "V^power" if _by_power(shape) else "V"
         of = (
-            f"V * {load_in(axis)}",
-            "V while engaged",
-            f"V * sgn(v) while engaged, {at_rest()}",
-            "V * M_sp",
+            f"{wear} * {load_in(axis)}",
+            f"{wear} while engaged",
+            f"{wear} * sgn(v) while engaged, {at_rest()}",
+            f"{wear} * M_sp",
         )[which(shape["of"], 4)]
         return f"dI = W * {of}; V = {used}"
 
     def needs(self, states):
         return engages(states)
+
+
+def _by_power(shape):
+    return round(shape.get("grows", 0.0)) == 1
 
 
 class CoolantLoad(Mechanism):
