@@ -46,6 +46,7 @@ from pido.diagnosis.loop import lag_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.pulses import repeating
+from pido.diagnosis.quantities import QUANTITIES
 from pido.diagnosis.select import shortlist_of
 from pido.diagnosis.terms import Component, Term, fit, solve, without
 from pido.diagnosis.unnamed import best_nameless, with_unknown
@@ -58,6 +59,13 @@ _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term
 # of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
 _ZERO = 0.02
 _BENDS = 12.0  # BIC by which a saturation in a box must beat a factor on the current: it has a knee there
+_QUANTITY = {  # that laws with one sign only are in proportion to, and how
+    "inertia": ("a_{}", "u"),
+    "viscous_friction": ("v_{}", "u"),
+    "coulomb_friction": ("v_{}", "sgn u"),
+    "spindle_inertia": ("a_{}", "u"),
+    "spindle_viscous_drag": ("v_{}", "u"),
+}
 _STRAIGHT = 0.01  # of its power, that a factor leaves of it: its knee is far below nearly all of the current
 
 
@@ -215,7 +223,8 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
     """`terms`, with the plain name for what no wrong coefficient of the simulation explains.
 
     That is what is far larger than the simulation's own share of it, has another length, speed or time constant, acts
-    in a box only, or is in proportion to another quantity: a tool's weight is no wrong weight of the axis. A simulated
+    in a box only, or is in proportion to another quantity: a tool's weight is no wrong weight of the axis. What takes
+    something back in a box only has no name. A simulated
     friction that turns over a small way is Coulomb's all the same: where all of it is too large or too small, it is
     that number that is wrong.
     """
@@ -234,11 +243,22 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
             new |= bool(term.gates)
             if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
                 term = replace(term, name=term.mechanism.id)
+            elif term.gates and term.mechanism.id in _QUANTITY:
+                term = _less_of_it(term, library.mismatch.axis)
             elif is_whole_presliding(term) and coulomb not in {t.name for t in terms}:
                 inner = "coulomb_friction" in inside or is_whole_presliding(part.term)
                 term = replace(term, name=coulomb) if inner else term
         out.append(term)
     return _without_knees(library, noise, out)
+
+
+def _less_of_it(term: Term, axis: str) -> Term:
+    """A law of the catalogue that acts against its own direction in a box, as what no name says: a law of its quantity.
+    The coefficient is right elsewhere."""
+    name, form = _QUANTITY[term.mechanism.id]
+    signal = name.format(axis)
+    law = Formula(((signal, form),), QUANTITIES[signal].unit)
+    return replace(term, mechanism=law, shape=(), name=law.id)
 
 
 def _without_knees(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:

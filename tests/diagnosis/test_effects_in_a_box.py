@@ -140,6 +140,14 @@ def test_a_law_confined_by_speed_without_a_sign_is_one_law_with_that_limit(name)
     assert {g.variable for g in term.gates} == variables
 
 
+def test_what_a_law_of_the_simulation_lacks_in_a_box_is_no_wrong_coefficient():
+    answer, _ = answer_of(lambda s: -0.12 * np.sign(s.v) * (other(s) > 8.0), 6, 25.0, 0.5)
+    (term,) = answer.terms
+    assert term.name == "unknown"
+    assert term.mechanism.reads == {"v_x"}
+    assert {g.variable for g in term.gates} == {"v_y"}
+
+
 def test_what_differs_by_direction_below_a_speed_of_the_path_is_one_asymmetry_there():
     answer, _ = answer_of(lambda s: 0.08 * (s.v > 0) * (np.hypot(s.v, other(s)) < 15.0), 6, 25.0, 0.5)
     (term,) = answer.terms
