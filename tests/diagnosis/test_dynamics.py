@@ -9,7 +9,7 @@ from scipy import signal
 from pido.diagnosis.arms import Arm
 from pido.diagnosis.dynamics import Ringing, RingingAlong
 from pido.diagnosis.estimate import estimate, settle_shapes
-from pido.diagnosis.latched import Latched
+from pido.diagnosis.latched import Latched, Switched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.late_arms import LaggedArm, Warped
 from pido.diagnosis.library import Library, basis
@@ -229,6 +229,7 @@ def test_what_lags_may_have_another_size_while_the_tool_cuts():
             Transient("v_x", "mm/s", "both", even=True, level=True, rings=True), (("c", 5.0), ("f", 3.0), ("zeta", 0.1))
         ),
         Term(Latched("v_x", "mm/s", even=True), (("c", 5.0), ("T", 0.3))),
+        Term(Switched("v_y", "mm/s", True, "v_x", "mm/s", "sgn u"), (("c_on", 5.0), ("c_off", 1.0))),
     ],
 )
 def test_a_model_that_remembers_comes_back_from_its_file(term):

@@ -12,7 +12,7 @@ from pido.diagnosis.arms import Arm, Eased
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.formulas import Formula, Peak, Surface
 from pido.diagnosis.gates import PATH_SPEED, Gate
-from pido.diagnosis.latched import Latched
+from pido.diagnosis.latched import Latched, Switched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.late_arms import LaggedArm
 from pido.diagnosis.mechanisms import CATALOGUE
@@ -183,6 +183,8 @@ NAMELESS = [
     (LaggedArm("v_x", "u", "mm/s", "pos_y", "mm"), {"tau": 0.5}, "how far the y axis is from some place"),
     (Modulated("v_x", "sgn u", "v_sp", "u", "deg/s"), {"tau": 30.0}, "changing with what the speed of the spindle was"),
     (Latched("v_y", "mm/s", True), {"c": 3.0, "T": 2.0}, "the speed of the y axis, either way, is above 3 mm/s"),
+    (Switched("feed", "mm/s", False, "I_x", "A"), {"c_on": 9.0, "c_off": 2.0},
+     "with the simulated current of the x axis, once the speed along the path is above 9 mm/s"),
     (Wave("pos_x", "mm", "I_x", "A", form="|u|"), {"L": 20.0}, "every 20 mm of the position of the x axis"),
 ]  # fmt: skip
 
