@@ -67,7 +67,7 @@ def best_region(
     if space is None:
         return None
     best = _best_on(space, space.coarse, library, current, taken)
-    if everywhere is not None and everywhere.term.name not in taken:
+    if everywhere is not None and everywhere.term.name not in taken and _may_be_confined(library, everywhere.term):
         within = _sharpen(library, current, everywhere, space, either_way=True)
         best = min((s for s in (best, within) if s is not None and s.term.gates), key=_price, default=None)
     if best is None or current.bic - best.bic < _NEAR_IT * asked:
@@ -173,15 +173,10 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     """Terms that may be confined, each with what it takes away in every box."""
     assert library.noise is not None
     residual = current.residual32
-    # A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere. A constant is a load
-    # everywhere, too; within a box it is something that no mechanism of the catalogue says.
     open_ = [
         (k, term, library.of_themselves[i:j])
         for k, (term, (i, j), varies) in enumerate(zip(library.terms, library.spans, library.varies, strict=True))
-        if term.name not in taken
-        and term.mechanism.kind != "data_fault"
-        and term.mechanism.id not in _REGIONS
-        and varies
+        if term.name not in taken and varies and _is_wrong_in_places(term)
     ]
     coarse = library.space is not None and grid is library.space.coarse
 
@@ -200,6 +195,16 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     if "unknown" not in taken:
         level = of_unit_length(library.noise.whiten(np.ones((1, library.mismatch.n), np.float32)))
         yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1), own_products(grid, level))[0]
+
+
+def _is_wrong_in_places(term: Term) -> bool:
+    """A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere."""
+    return term.mechanism.kind != "data_fault" and term.mechanism.id not in _REGIONS
+
+
+def _may_be_confined(library: Library, term: Term) -> bool:
+    """A constant is a load everywhere; within a box it is something that no mechanism of the catalogue says."""
+    return _is_wrong_in_places(term) and bool(np.any(np.ptp(library.columns(term), axis=1)))
 
 
 def _never_limits(library: Library, term: Term) -> str | None:
@@ -340,6 +345,9 @@ def _best_interval(
     least = 0.0 if variable in EITHER_WAY else -np.inf
     low, high = np.r_[least, limits][first], np.r_[limits, np.inf][last]
     gain[high - low < space.places[variable].gaps.min()] = 0.0
+    if variable == f"|v_{library.mismatch.axis}|" and "pos" in score.term.mechanism.follows_from:
+        # What is less where its places pass faster is smoothed by the drive and its loop, and in no range of speeds.
+        gain[first == 0] = 0.0
     count = (first > 0).astype(int) + (last < len(limits)) + len(others)
     worth = -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - count * _charge_of_limit(library, current)
     at = int(np.argmax(worth))
