@@ -191,31 +191,31 @@ def _best_levels(law: Switched, known: Known, felt: Float2D, edges: Int1D) -> li
     felt : (n, 1 + signs), as a `Judge` has them
     """
     u, q = law.place(known[law.signal][0]), law.carrier(known)
-    offered = np.unique(np.r_[np.linspace(*np.quantile(u, [0.01, 0.99]), _PAIRED), np.quantile(u, _QUANTILES)])
-    found: list[tuple[float, Term]] = []
-    for levels in (offered, None):
-        if levels is None and not found:
-            break
-        if levels is None:
-            best = dict(found[0][1].shape)
-            levels = np.unique([np.linspace(*neighbours(offered, best[c]), _FINER) for c in ("c_on", "c_off")])
-        place = np.searchsorted(levels, u)  # levels that are below
-        first = np.flatnonzero(np.r_[True, np.diff(place) != 0])
-        first = np.union1d(first, edges[:-1])
-        at, starts = place[first], np.searchsorted(first, edges[:-1])
-        lengths = np.diff(np.r_[first, len(u)]) / len(u)
-        sizes = np.add.reduceat(q**2, first) / max(float(q @ q), 1e-300)
-        sums = np.add.reduceat(felt * q[:, None], first, axis=0)
-        pairs = [(i, j) for i in range(len(levels)) for j in range(i)]
-        h = np.array([_switched(at > i, at <= j, starts) for i, j in pairs]).reshape(len(pairs), len(first))
-        gains, rows = _gains(h @ sums, sums.sum(axis=0), h @ sizes), h @ lengths
-        gains[(rows < _LEAST_SHARE) | (rows > 1 - _LEAST_SHARE)] = 0.0
-        found += [
-            (float(gains[k]), Term(law, (("c_on", float(levels[pairs[k][0]])), ("c_off", float(levels[pairs[k][1]])))))
-            for k in np.argsort(gains)[: -_CLOSER - 1 : -1]
-        ]
-        found.sort(key=lambda f: -f[0])
-    return found
+    low, high = np.quantile(u, [0.01, 0.99])
+    levels = np.unique(np.r_[np.linspace(low, high, _PAIRED), np.quantile(u, _QUANTILES)])
+    found = _paired(u, q, levels, felt, edges)
+    if found:
+        _, *best = max(found)
+        finer = np.unique([np.linspace(*neighbours(levels, c), _FINER) for c in best])
+        found += _paired(u, q, finer, felt, edges)
+    return [(gain, Term(law, (("c_on", on), ("c_off", off)))) for gain, on, off in found]
+
+
+def _paired(u: Float1D, q: Float1D, levels: Float1D, felt: Float2D, edges: Int1D) -> list[tuple[float, float, float]]:
+    """(about what it takes away, level on, level off) of the best pairs of `levels`, (k,) rising; all at once over
+    stretches within which `u` passes none."""
+    place = np.searchsorted(levels, u)  # levels that are below
+    first = np.union1d(np.flatnonzero(np.r_[True, np.diff(place) != 0]), edges[:-1])
+    at, starts = place[first], np.searchsorted(first, edges[:-1])
+    long = np.diff(np.r_[first, len(u)]) / len(u)
+    power = np.add.reduceat(q**2, first) / max(float(q @ q), 1e-300)
+    sums = np.add.reduceat(felt * q[:, None], first, axis=0)
+    pairs = [(i, j) for i in range(len(levels)) for j in range(i)]
+    h = np.array([_switched(at > i, at <= j, starts) for i, j in pairs]).reshape(len(pairs), len(first))
+    gains, rows = _gains(h @ sums, sums.sum(axis=0), h @ power), h @ long
+    gains[(rows < _LEAST_SHARE) | (rows > 1 - _LEAST_SHARE)] = 0.0
+    best = [(k, *pairs[k]) for k in np.argsort(gains)[: -_CLOSER - 1 : -1]]
+    return [(float(gains[k]), float(levels[i]), float(levels[j])) for k, i, j in best]
 
 
 def latched_terms(judge: Judge, known: Known) -> list[Term]:
