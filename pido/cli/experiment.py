@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 from click.core import ParameterSource
-from joblib import cpu_count
 
 from pido.cli.inputs import Input
 from pido.cli.outputs import Output
@@ -94,6 +93,8 @@ def command(
     pido experiment real-mismatch --data recordings/
     """
     import json
+
+    from joblib import cpu_count
 
     from pido.cli.progress import Progress
     from pido.config import load_job

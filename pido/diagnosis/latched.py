@@ -40,17 +40,28 @@ _FINER = 5  # levels around each of the best pair
 
 
 @dataclass(frozen=True)
-class Latched(Unnamed):
-    """dI = k_0 + k * h; h = 1 while a quantity is above c, and for T after that.
-
-    even : of |u| in place of u
-    """
+class _AtLevels(Unnamed):
+    """Something that levels of a quantity switch. even : of |u| in place of u"""
 
     signal: str
     unit: str
     even: bool
 
     passes_loop: ClassVar[bool] = False
+
+    @property
+    def _written(self) -> str:
+        return written(self.signal, side_of(self.even))
+
+    def place(self, u: Float1D) -> Float1D:
+        """(n,) – where values of the signal lie beside the levels."""
+        return FORMS[side_of(self.even)](u)
+
+
+@dataclass(frozen=True)
+class Latched(_AtLevels):
+    """dI = k_0 + k * h; h = 1 while a quantity is above c, and for T after that."""
+
     amplitudes: ClassVar[tuple[Parameter, ...]] = (Parameter("k", "A"), Parameter("k_0", "A"))
 
     @property
@@ -60,10 +71,6 @@ class Latched(Unnamed):
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         return Parameter("c", self.unit, scale="linear"), Parameter("T", "s", low=0.0, scale="log")
-
-    @property
-    def _written(self) -> str:
-        return written(self.signal, side_of(self.even))
 
     @property
     def equation(self) -> str:  # type: ignore[override]
@@ -78,10 +85,6 @@ class Latched(Unnamed):
         on = (last >= 0) & (state.time - state.time[last] <= shape["T"])
         return np.column_stack([on.astype(float), np.ones(len(on))])
 
-    def place(self, u: Float1D) -> Float1D:
-        """(n,) – where values of the signal lie beside the level."""
-        return FORMS[side_of(self.even)](u)
-
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         far = (0.1 if name == "c" else 0.3) * abs(shape[name])
         return shape[name] - far, shape[name] + far
@@ -93,20 +96,15 @@ class Latched(Unnamed):
 
 
 @dataclass(frozen=True)
-class Switched(Unnamed):
+class Switched(_AtLevels):
     """dI = (k_0 + k * h) * q; h = 1 once a quantity is above c_on, until it is below c_off (Schmitt's trigger).
 
-    even : of |u| in place of u. carried, carried_unit, form : q as a form of a quantity; none: q = 1
+    carried, carried_unit, form : q as a form of a quantity; none: q = 1
     """
 
-    signal: str
-    unit: str
-    even: bool
     carried: str = ""
     carried_unit: str = "–"
     form: str = "u"
-
-    passes_loop: ClassVar[bool] = False
 
     @property
     def reads(self) -> frozenset[str]:
@@ -120,10 +118,6 @@ class Switched(Unnamed):
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         return Parameter("c_on", self.unit, scale="linear"), Parameter("c_off", self.unit, scale="linear")
-
-    @property
-    def _written(self) -> str:
-        return written(self.signal, side_of(self.even))
 
     @property
     def equation(self) -> str:  # type: ignore[override]
@@ -140,10 +134,6 @@ class Switched(Unnamed):
         u = self.place(known[self.signal][0])
         on = _switched(u > shape["c_on"], u < shape["c_off"], np.zeros(1, int))
         return np.column_stack([on, np.ones(len(on))]) * self.carrier(known)[:, None]
-
-    def place(self, u: Float1D) -> Float1D:
-        """(n,) – where values of the signal lie beside the levels."""
-        return FORMS[side_of(self.even)](u)
 
     def carrier(self, known: Known) -> Float1D:
         """(n,) – q, at values of the quantities."""
@@ -212,8 +202,7 @@ def _paired(u: Float1D, q: Float1D, levels: Float1D, felt: Float2D, edges: Int1D
     sums = np.add.reduceat(felt * q[:, None], first, axis=0)
     pairs = [(i, j) for i in range(len(levels)) for j in range(i)]
     h = np.array([_switched(at > i, at <= j, starts) for i, j in pairs]).reshape(len(pairs), len(first))
-    gains, rows = _gains(h @ sums, sums.sum(axis=0), h @ power), h @ long
-    gains[(rows < _LEAST_SHARE) | (rows > 1 - _LEAST_SHARE)] = 0.0
+    gains = _gains(h @ sums, sums.sum(axis=0), h @ power, h @ long)
     best = [(k, *pairs[k]) for k in np.argsort(gains)[: -_CLOSER - 1 : -1]]
     return [(float(gains[k]), float(levels[i]), float(levels[j])) for k, i, j in best]
 
@@ -263,14 +252,14 @@ def _best_level(
     there = csr_array((np.ones(len(passed)), (passed, np.arange(len(passed)))), shape=(len(levels) + 1, len(passed)))
     on = np.cumsum((there @ felt)[::-1], axis=0)[::-1][1:]  # (levels, 1 + signs)
     rows = np.cumsum(np.bincount(passed, minlength=len(levels) + 1)[::-1])[::-1][1:] / len(passed)
-    gains = _gains(on, felt.sum(axis=0), rows)
-    gains[(rows < _LEAST_SHARE) | (rows > 1 - _LEAST_SHARE)] = 0.0
+    gains = _gains(on, felt.sum(axis=0), rows, rows)
     best = int(np.argmax(gains))
     return float(gains[best]), float(levels[best]), float(stays)
 
 
-def _gains(on: Float2D, always: Float1D, share: Float1D) -> Float1D:
-    """(k,) – about what each of some columns takes away beside one that is always on.
+def _gains(on: Float2D, always: Float1D, share: Float1D, rows: Float1D) -> Float1D:
+    """(k,) – about what each of some columns takes away beside one that is always on; nothing where it is on, or off,
+    in too small a share of the rows.
 
     on : (k, 1 + signs), always : (1 + signs,) – products with the rows of a `Judge`. share : (k,), of the power of what
     is always on: how large a column is, random signs tell by chance, and of many columns one far too small
@@ -281,4 +270,5 @@ def _gains(on: Float2D, always: Float1D, share: Float1D) -> Float1D:
     left, alone = np.mean(beside[:, 1:] ** 2, axis=1), share * (1 - share)
     each = np.divide(left, alone, out=np.zeros(len(left)), where=alone > 0)
     left = np.maximum(left, alone * np.median(each[alone > 0])) if np.any(alone > 0) else left
-    return np.where(left > 0, beside[:, 0] ** 2 / np.where(left > 0, left, 1.0), 0.0)
+    met = (rows > _LEAST_SHARE) & (rows < 1 - _LEAST_SHARE) & (left > 0)
+    return np.where(met, beside[:, 0] ** 2 / np.where(met, left, 1.0), 0.0)

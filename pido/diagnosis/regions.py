@@ -176,7 +176,7 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
     open_ = [
         (k, term, library.of_themselves[i:j])
         for k, (term, (i, j), varies) in enumerate(zip(library.terms, library.spans, library.varies, strict=True))
-        if term.name not in taken and varies and _is_wrong_in_places(term)
+        if term.name not in taken and varies and _knows_places(term)
     ]
     coarse = library.space is not None and grid is library.space.coarse
 
@@ -197,14 +197,14 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
         yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1), own_products(grid, level))[0]
 
 
-def _is_wrong_in_places(term: Term) -> bool:
+def _knows_places(term: Term) -> bool:
     """A sensor knows nothing of speeds and cuts: what is wrong with the data is wrong everywhere."""
     return term.mechanism.kind != "data_fault" and term.mechanism.id not in _REGIONS
 
 
 def _may_be_confined(library: Library, term: Term) -> bool:
     """A constant is a load everywhere; within a box it is something that no mechanism of the catalogue says."""
-    return _is_wrong_in_places(term) and bool(np.any(np.ptp(library.columns(term), axis=1)))
+    return _knows_places(term) and bool(np.any(np.ptp(library.columns(term), axis=1)))
 
 
 def _never_limits(library: Library, term: Term) -> str | None:
