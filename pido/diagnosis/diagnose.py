@@ -27,7 +27,15 @@ from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_inputs, equation_names, equation_rows, supported_terms, uneven_inputs
 from pido.diagnosis.beyond import ranges, ranges_of_columns
 from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, without_empty, without_wild
-from pido.diagnosis.confirm import SIGNIFICANT, even, held_out, less_error_there, plain_error, rms_held_out
+from pido.diagnosis.confirm import (
+    SIGNIFICANT,
+    even,
+    forces_among,
+    held_out,
+    less_error_there,
+    plain_error,
+    rms_held_out,
+)
 from pido.diagnosis.datafaults import Limits, at_limit, clipped, clipping_finding, input_findings, timing_finding
 from pido.diagnosis.estimate import Estimated, estimate, settle_shapes
 from pido.diagnosis.faults import input_faults
@@ -59,6 +67,7 @@ Result = TypeVar("Result")
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
 _CLEARLY_LESS_THERE = 0.9  # of the error where a finding acts, that may be left where it acts too seldom to tell in all
+_BY_CHANCE = 0.05  # one-sided p of the paired test on unseen parts, above which these do not show a finding
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
 
@@ -358,6 +367,10 @@ def proved(
             and less_error_there(full, noise, kept, without(kept, i), acts[i]) > _CLEARLY_LESS_THERE
         ]
         reason = "the error on unseen parts is hardly smaller with it"
+        if not idle:
+            # A force over one interval is shown in that block alone, which no test over blocks can tell from chance.
+            idle = [i for i, p in enumerate(proofs) if p.p_value > _BY_CHANCE and not forces_among([kept[i]])]
+            reason = f"a paired test does not show it on unseen parts (p > {_BY_CHANCE:g})"
         if not idle:
             idle = _rests(full, kept)
             reason = "it has no name, and is no more than what the form of a named law may lack"

@@ -10,13 +10,16 @@ from scipy import stats
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import Whitened, even, half_widths, held_out, p_value, q_values
+from pido.diagnosis.diagnose import proved
 from pido.diagnosis.estimate import estimate
 from pido.diagnosis.formulas import Formula, Surface
+from pido.diagnosis.gates import Gate
+from pido.diagnosis.identify import Answer
 from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import AxisModel
 from pido.diagnosis.terms import Term, held_back, solve
-from tests.diagnosis.planted import NOISE, VISCOUS, planted
+from tests.diagnosis.planted import NOISE, STEP, VISCOUS, planted
 
 _ROWS, _BLOCKS = 1200, 40
 
@@ -178,3 +181,23 @@ def test_terms_of_the_equation_that_some_parts_cannot_tell_apart_do_not_run_away
     )
     proof = held_out(laid_out, even(laid_out), [], [], laid_out.target)
     assert proof.rmse_before == pytest.approx(0.3, rel=0.5)
+
+
+@pytest.mark.parametrize(("bursts", "stays"), [(1, False), (4, True)])
+def test_what_a_paired_test_on_unseen_parts_does_not_show_is_no_finding(bursts, stays):
+    """A drag beyond 30 mm/s, which two of three parts reach for half a second each time."""
+
+    def fast(k, recording):
+        v = recording["v_x"].copy()
+        for at in range(bursts if k < 2 else 0):
+            v[500 + 600 * at : 600 + 600 * at] += 40.0 * np.hanning(100)
+        moved = {"v_x": v, "pos_x": np.cumsum(v) * STEP, "a_x": np.gradient(v, STEP)}
+        return Recording(recording.part, {**recording.columns, **moved})
+
+    law = Term(VISCOUS, gates=(Gate("v_x", low=30.0),))
+    library, noise = planted(lambda s: law.columns([s])[0], strength=0.5, change=fast)
+    mismatch = library.mismatch
+    answer = Answer("x", [law], [1e-9], [1e-8], [500.0], [[]])
+    kept, _, _ = proved(mismatch, (noise, noise), [law], answer, mismatch.target, np.random.default_rng(5))
+    assert kept == ([law] if stays else [])
+    assert ["paired test" in r.reason for r in answer.rejected] == ([] if stays else [True])
