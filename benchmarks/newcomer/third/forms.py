@@ -20,6 +20,7 @@ from benchmarks.newcomer.process import load
 from benchmarks.newcomer.third.memory import stood
 from benchmarks.newcomer.world import Concealed, Law, Maker, World, held, number, per_part, since_reversal
 from pido.core.arrays import Float1D
+from pido.core.axes import LINEAR_AXES
 
 
 def _turns(v: Float1D, width: float) -> Float1D:
@@ -75,10 +76,14 @@ def asymmetry(world: World, axis: str, rng: np.random.Generator) -> Law:
 
 
 def load_dependent(world: World, axis: str, rng: np.random.Generator) -> Law:
-    """Two faces of a box way: the loads of both are added, each whichever way it presses."""
+    """Two faces of a box way: the loads of both are added, each whichever way it presses.
+
+    No k of the other editions, which multiplies sqrt(f_y² + f_z²) on x: each face has a coefficient of its own.
+    """
     k, w = number(axis), _width(world, axis)
     across, mu = [n for n in range(3) if n != k], rng.uniform(0.5, 1.5, 2)
-    return Law(per_part(world, lambda p: (np.abs(p.f[:, across]) @ mu) * _turns(p.v[:, k], w)), {"k": (1.0, "A/N")})
+    sizes = {f"k_{LINEAR_AXES[n]}": (float(m), "A/N") for n, m in zip(across, mu, strict=True)}
+    return Law(per_part(world, lambda p: (np.abs(p.f[:, across]) @ mu) * _turns(p.v[:, k], w)), sizes)
 
 
 def position_dependent(world: World, axis: str, rng: np.random.Generator) -> Law:
