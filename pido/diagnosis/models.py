@@ -28,6 +28,7 @@ from pido.diagnosis.gates import Gate
 from pido.diagnosis.latched import Latched, Switched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.late_arms import LaggedArm, Warped
+from pido.diagnosis.late_eased import EasedLately
 from pido.diagnosis.lateness import Late, shifted
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
@@ -299,6 +300,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
         case Modulated(signal=signal, form=form, cause=cause, loss=loss, unit=unit, beside=beside, level=level):
             own |= {"modulates": signal, "form": form, "cause": cause, "loss": loss, "unit": unit}
             own |= {"beside": beside, "level": level}
+        case EasedLately(cause=cause, signal=signal, form=form, unit=unit, of=of):
+            own |= {"eased_lately": cause, "carries": signal, "form": form, "unit": unit, "of": of}
         case LaggedArm(signal=signal, form=form, unit=unit, place=place, length=length):
             own |= {"lags": signal, "form": form, "unit": unit, "along": place, "length": length}
         case Warped(place=place, length=length, cause=cause, loss=loss, unit=unit):
@@ -363,6 +366,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), *later)
     if "eased" in own:
         return Eased(*(str(own[k]) for k in ("eased", "carries", "form", "unit", "of")))
+    if "eased_lately" in own:
+        return EasedLately(*(str(own[k]) for k in ("eased_lately", "carries", "form", "unit", "of")))
     if "tools" in own:
         return ByTool(tuple(map(str, own["tools"])), *(str(own[k]) for k in ("carries", "unit", "form")))
     if "waves" in own:

@@ -37,6 +37,7 @@ from pido.diagnosis.judge import Judge
 from pido.diagnosis.latched import Latched, Switched, latched_terms, switched_terms
 from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Modulated, late_terms
 from pido.diagnosis.late_arms import late_arms
+from pido.diagnosis.late_eased import eased_lately
 from pido.diagnosis.library import Basis, Library, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
@@ -212,6 +213,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
         *ringing_terms(mismatch, residual, ground.whole),
         *late_terms(ground.lately, few),
         *late_arms(ground.lately, few),
+        *eased_lately(ground.lately, few),
     ]
     late += rested_terms(mismatch, few)
     judge = Judge(mismatch, noise, residual)
