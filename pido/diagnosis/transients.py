@@ -41,7 +41,8 @@ _FADES_S = (0.03, 0.1, 0.3, 1.0, 3.0)
 _SLOWEST_HZ, _FASTEST_HZ, _TONES = 0.3, 30.0, 18
 _FASTEST = 0.2  # of the sampling rate
 _DAMPING = 0.1  # of what is looked at first
-_MOST_DAMPED = 0.4
+_MOST_DAMPED = 0.4  # of what is searched
+_RINGS_NO_MORE = 1.0  # damping of what is settled: beyond it a decay is left, which has no frequency
 _FINE = 7  # levels between those, once one of them is the best
 _FEWEST_EVENTS = 4  # at a level
 _MOST_EVENTS = 0.01  # of the rows: what crosses a level more often stays at it
@@ -80,11 +81,9 @@ class Transient(Unnamed):
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         c = (Parameter("c", self.unit, scale="linear"),) if self.level else ()
-        return (*c, *(Parameter(n, u, low=0.0, scale="log") for n, u in self._times))
-
-    @property
-    def _times(self) -> tuple[tuple[str, str], ...]:
-        return (("f", "Hz"), ("zeta", "–")) if self.rings else (("tau", "s"),)
+        if not self.rings:
+            return *c, Parameter("tau", "s", low=0.0, scale="log")
+        return *c, Parameter("f", "Hz", low=0.0, scale="log"), Parameter("zeta", "–", 0.0, _RINGS_NO_MORE, scale="log")
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:  # type: ignore[override]

@@ -11,7 +11,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.confirm import Whitened, even, half_widths, held_out, p_value, q_values
 from pido.diagnosis.diagnose import proved
-from pido.diagnosis.estimate import estimate
+from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.formulas import Formula, Surface
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.identify import Answer
@@ -19,6 +19,8 @@ from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import AxisModel
 from pido.diagnosis.terms import Term, held_back, solve
+from pido.diagnosis.transients import Transient
+from tests.diagnosis.feeds import BY_ID
 from tests.diagnosis.planted import NOISE, STEP, VISCOUS, planted
 
 _ROWS, _BLOCKS = 1200, 40
@@ -201,3 +203,27 @@ def test_what_a_paired_test_on_unseen_parts_does_not_show_is_no_finding(bursts, 
     kept, _, _ = proved(mismatch, (noise, noise), [law], answer, mismatch.target, np.random.default_rng(5))
     assert kept == ([law] if stays else [])
     assert ["paired test" in r.reason for r in answer.rejected] == ([] if stays else [True])
+
+
+def test_a_wave_of_friction_far_from_the_machines_zero_has_heights_that_are_known():
+    """Counted from there, its phase would be as little known as its length times the number of waves in between."""
+    law = BY_ID["position_dependent_friction"]
+
+    def effect(state):
+        return np.sign(state.v) * np.sin(2 * np.pi * (state.pos - 800.0) / 12.0)
+
+    def far(k, recording):
+        return replace(recording, columns={**recording.columns, "pos_x": recording["pos_x"] + 800.0})
+
+    library, noise = planted(effect, strength=1.0, change=far)
+    start = min(law.starts(library.mismatch.states), key=lambda s: (s["form"] != 0, abs(s["L"] - 12.0)))
+    (term,) = settle_shapes(library.mismatch, noise, [Term(law, tuple(start.items()))])
+    (found,) = estimate(library.mismatch, noise, [term], np.random.default_rng(5)).parameters
+    height = np.hypot(found["G_1"].value, found["G_2"].value)
+    assert found["L"].value == pytest.approx(12.0, rel=0.02)
+    assert all(np.ptp(found[g].ci95) < 0.3 * height for g in ("G_0", "G_1", "G_2"))
+
+
+def test_a_transient_is_not_settled_at_a_frequency_that_its_damping_hides():
+    law = Transient("v_x", "mm/s", "both", level=True, rings=True)
+    assert {p.name: p.high for p in law.shape} == {"c": None, "f": None, "zeta": 1.0}

@@ -261,7 +261,7 @@ class PositionDependentFriction(Sliding):
     becomes = frozenset({"coulomb_friction"})
     equation = (
         "dI = g(pos) * sgn(v), at rest 0 or held, or with tanh(v / v_0) for sgn(v); "
-        "g = G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L), "
+        "g = G_0 + G_1 * sin(2 pi u) + G_2 * cos(2 pi u), "
         "or G_0 + G_1 * u + G_2 * u^2, or G_1 * exp(-u^2 / 2), u = (pos - p_0) / L; "
         "beside Coulomb's friction without a mean: G_1 * u + G_2 * (u^2 - 1/3), p_0 in the middle; "
         "or piecewise linear through G_n at places evenly spaced from u = -1 to 1"
@@ -289,7 +289,7 @@ class PositionDependentFriction(Sliding):
         u, form = (pos - p_0) / L, round(form)
         one, zero = np.ones(len(pos)), np.zeros(len(pos))
         if form in (0, 3):
-            columns = [one if form == 0 else zero, *wave(pos, L).T]
+            columns = [one if form == 0 else zero, *wave(pos - p_0, L).T]
         elif form == 2:
             columns = [zero, np.exp(-(u**2) / 2)]
         elif form in _PLACES:
@@ -307,32 +307,31 @@ class PositionDependentFriction(Sliding):
             return ", ".join(f"G_{n}" for n in range(count))
 
         g = (
-            "(G_0 + G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L))",
+            "(G_0 + G_1 * sin(2 pi u) + G_2 * cos(2 pi u))",
             "(G_0 + G_1 * u + G_2 * u^2)",
             "G_1 * exp(-u^2 / 2)",
-            "(G_1 * sin(2 pi pos / L) + G_2 * cos(2 pi pos / L))",
+            "(G_1 * sin(2 pi u) + G_2 * cos(2 pi u))",
             "(G_1 * u + G_2 * (u^2 - 1/3))",
             *(f"(piecewise linear through {through(n)}, evenly from u = -1 to 1)" for n in _PLACES.values()),
         )[form]
-        u = "" if form in (0, 3) else "; u = (pos - p_0) / L"
-        return f"dI = {g} * sgn(v), {at_rest(shape.get('rest', 0.0))}{u}"
+        return f"dI = {g} * sgn(v), {at_rest(shape.get('rest', 0.0))}; u = (pos - p_0) / L"
 
     def idle(self, shape):
         form = round(shape["form"])
         used = {0: (0, 1, 2), 1: (0, 1, 2), 2: (1,), 3: (1, 2), 4: (1, 2)}.get(form) or range(_PLACES[form])
         idle = {f"G_{n}" for n in range(len(self.amplitudes)) if n not in used}
-        return super().idle(shape) | idle | ({"p_0"} if form in (0, 3) else set())
+        return super().idle(shape) | idle
 
     def needs(self, states):
         return "no position of the axis" if any(s.pos is None for s in states) else moves(states)
 
     def starts(self, states):
         """Waves from a ninth to twice the travel, a parabola and two curves over it, five tight places of an eighth of
-        it."""
+        it. Waves count from its middle: from further off a phase would be as little known as the length is."""
         low, high = _ends(states)
-        span = max(high - low, 1e-3)
-        waves = [(0.0, span / (0.5 + 0.5 * k), 0.0) for k in range(18)]
-        bend = [(form, span / 2, (low + high) / 2) for form in (1.0, *_PLACES)]
+        span, middle = max(high - low, 1e-3), (low + high) / 2
+        waves = [(0.0, span / (0.5 + 0.5 * k), middle) for k in range(18)]
+        bend = [(form, span / 2, middle) for form in (1.0, *_PLACES)]
         places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
         forms = (*waves, *bend, *places)
         return _at_and_off_rest(forms)
@@ -349,7 +348,7 @@ class PositionDependentFriction(Sliding):
         if good.sum() < 50 or high - low < 1e-3:
             return ()
         pos, level = pos[good], (value * h)[good]
-        shapes = [(0.0, L, 0.0) for L in periods_of(pos, level, _SHORTEST, high - low, PEAKS)]
+        shapes = [(0.0, L, (low + high) / 2) for L in periods_of(pos, level, _SHORTEST, high - low, PEAKS)]
         stretch = best_stretch(pos, level, low, high)
         if stretch is not None:
             shapes.append((2.0, (stretch[1] - stretch[0]) / 3, sum(stretch) / 2))
