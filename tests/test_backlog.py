@@ -99,6 +99,7 @@ def pido(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "pido.cli", *words], capture_output=True, text=True, check=False)
 
 
+@pytest.mark.thorough
 def test_a_part_whose_iteration_fails_does_not_end_the_watch_and_is_done_when_its_cause_is_mended(tmp_path):
     root, inbox = tmp_path / "plant", tmp_path / "plant" / "inbox"
     inbox.mkdir(parents=True)

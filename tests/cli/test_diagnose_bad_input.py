@@ -314,6 +314,7 @@ def settings_of(path, *names):
     return path
 
 
+@pytest.mark.thorough
 def test_a_machine_of_ones_own_is_taken_from_its_file(made, diagnose, tmp_path):
     own = settings_of(tmp_path / "machines.toml", "portal", "gantry")
     parts = made(machine=lambda k: "portal")
@@ -324,6 +325,7 @@ def test_a_machine_of_ones_own_is_taken_from_its_file(made, diagnose, tmp_path):
         assert ("machine 'portal', as" in said) == (not more)
 
 
+@pytest.mark.thorough
 def test_the_parts_machine_has_its_dead_band_from_the_settings_that_know_it(made, diagnose, tmp_path):
     own = settings_of(tmp_path / "machines.toml", "gantry", "portal")
     own.write_text(own.read_text().replace("[portal.x]", "[portal.x]\ndead_band = 40.0"))  # faster than the parts go
@@ -352,6 +354,7 @@ def test_settings_that_leave_the_machine_open_are_refused_with_the_names_that_ar
     assert all(name in said for name in there)
 
 
+@pytest.mark.thorough
 def test_the_only_machine_of_the_settings_is_that_of_parts_that_name_none(made, diagnose, tmp_path):
     own = settings_of(tmp_path / "machines.toml", "portal", "gantry")
     parts = [folder / "recording.parquet" for folder in made()]

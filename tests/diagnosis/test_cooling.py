@@ -39,6 +39,7 @@ def parts(tau, cools, noise=0.04):
     return made, effects
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("tau", "cools"), [(150.0, 2.5), (240.0, 0.5)])
 def test_what_cools_otherwise_than_it_warms_says_so_and_is_right_after_a_longer_pause(tau, cools):
     made, effects = parts(tau, cools)
@@ -54,6 +55,7 @@ def test_what_cools_otherwise_than_it_warms_says_so_and_is_right_after_a_longer_
     assert np.mean((mismatch - effects[-1]) ** 2) < 0.02 * np.mean(effects[-1] ** 2)
 
 
+@pytest.mark.thorough
 def test_what_cools_as_it_warms_has_no_second_time_constant():
     made, effects = parts(150.0, 1.0)
     found = diagnose(made[:-1])

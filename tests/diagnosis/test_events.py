@@ -67,6 +67,7 @@ def slowly_noisy(effect, seed=0) -> tuple[Mismatch, Noise]:
     return mismatch, estimate_noise(np.concatenate(noise), mismatch.starts, mismatch.noise_class, mismatch.usable)
 
 
+@pytest.mark.thorough
 def test_forces_that_last_for_much_of_the_time_are_no_constant_beside_them():
     long = {"p0": ((4.0, 11.0), (19.0, 24.0)), "p1": ((9.0, 17.0),), "p2": ((1.0, 6.0), (14.0, 21.0))}
     mismatch, _ = slowly_noisy(lambda s: 0.3 * sum(((s.time > i) & (s.time < j) for i, j in long[s.part]), nothing(s)))

@@ -85,6 +85,7 @@ ZONES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("zone", ZONES)
 def test_a_hard_place_is_found_in_its_own_form(zone):
     inside, form, numbers = ZONES[zone]
@@ -100,12 +101,14 @@ def test_a_hard_place_is_found_in_its_own_form(zone):
     assert float(H) == pytest.approx(0.0015, rel=0.08)
 
 
+@pytest.mark.thorough
 def test_a_force_that_is_larger_everywhere_is_no_hard_place():
     (term,), ((k,),) = answer_of(lambda s: 0.0015 * s.force)
     assert term.mechanism.id == "cutting_force"
     assert k == pytest.approx(0.0015, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_without_the_top_of_the_workpiece_a_seam_is_upright():
     (term,), _ = answer_of(lambda s: 0.0015 * s.force * seam(s), top=False)
     shape = dict(term.shape)

@@ -38,6 +38,7 @@ def part(number, law):
     return Recording(PartInfo(part=f"p{number}", machine="m", order=number + 1), columns), effect
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("law", "signal"),
     [(lambda v: 0.12 * np.sign(v), "v_y"), (lambda v: np.full(len(v), 0.12), "")],
@@ -63,5 +64,6 @@ def test_a_law_in_a_rectangle_of_the_table_is_unknown_there_and_taken_away_from_
     assert not np.any(correct(found.model, recording).mismatch["x"])
 
 
+@pytest.mark.thorough
 def test_nothing_is_found_where_nothing_acts():
     assert not diagnose([part(k, lambda v: 0.0 * v)[0] for k in range(4)]).findings

@@ -66,6 +66,7 @@ def test_pulses_that_each_part_starts_anew_are_on_its_own_time():
     assert dict(term.shape)["T"] == pytest.approx(EVERY, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_what_comes_again_is_told_proved_by_parts_and_foretold():
     *made, another = parts(5)
     found = diagnose(made)

@@ -102,6 +102,7 @@ def test_a_place_is_a_region_by_itself_and_is_not_confined_again():
     assert found is None or found.term.name == "unknown"
 
 
+@pytest.mark.thorough
 def test_what_is_more_of_a_simulated_mechanism_in_a_box_only_is_no_wrong_coefficient():
     def simulated(recording):
         return recording.with_columns(curr_x_sim=0.03 * recording["v_x"] + 0.3 * np.sign(recording["v_x"]))
@@ -182,6 +183,7 @@ def test_a_drift_in_a_box_that_does_not_drift_only_mends_the_same_steady_law():
     assert plainest(library_of(mismatch, noise, friction), noise, [friction, steady]) == [friction]
 
 
+@pytest.mark.thorough
 def test_coolant_whose_pump_takes_time_is_coolant_behind_a_lag():
     def watered():
         for k, recording in enumerate(recordings(rows=3000)):

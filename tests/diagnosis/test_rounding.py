@@ -57,6 +57,7 @@ def test_what_rounding_leaves_is_no_finding():
     assert any("in steps of 0.2 A" in note for note in diagnosis.notes)
 
 
+@pytest.mark.thorough
 def test_an_effect_beside_it_is_found_with_its_size():
     diagnosis = diagnose([part(k, effect=0.02) for k in range(4)])
     (finding,) = diagnosis.findings

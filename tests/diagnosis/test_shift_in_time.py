@@ -154,6 +154,7 @@ def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late, 
     assert [(f.axis, f.mechanism) for f in found.findings] == [("x", "time_misalignment")]
 
 
+@pytest.mark.thorough
 def test_no_axis_that_is_late_as_well_is_called_clean():
     """x and y come 80 ms late; z stands still, and its current is as simulated."""
 
@@ -178,6 +179,7 @@ def test_no_axis_that_is_late_as_well_is_called_clean():
     assert "Nothing significant on: z." in verdict(found)
 
 
+@pytest.mark.thorough
 def test_one_axis_that_is_late_by_itself_is_late_and_not_of_another_dynamic():
     """x comes 20 ms late; y, which moves as much, is in time."""
 

@@ -77,6 +77,7 @@ def test_samples_lost_or_repeated_in_one_part_are_one_finding_of_that_part_from_
     assert shift.fit.rmse_after < 0.5 * shift.fit.rmse_before
 
 
+@pytest.mark.thorough
 def test_samples_lost_are_found_beside_a_friction_that_is_missing():
     found = diagnose(list(recorded(1, 17.0, -6, missing=0.15)))
     kinds = {f.mechanism: f for f in found.findings}
@@ -131,6 +132,7 @@ def test_parts_in_time_are_not_accused_of_the_shift_of_another():
         assert not correct(found.model, recording).mismatch["x"].any()
 
 
+@pytest.mark.thorough
 def test_a_clock_that_drifts_in_one_part_alone_is_not_told_as_lost_samples():
     made = list(recorded())
     t = made[1].time

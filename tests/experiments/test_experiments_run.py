@@ -167,6 +167,7 @@ def test_the_verdict_of_an_ablation_names_both_baselines_and_does_not_hide_the_w
     assert "in the worst cell -47.4 % (axis x, first rows, 10 %, space C)" in real  # 0.5 of 1.055 A
 
 
+@pytest.mark.thorough
 def test_pages_say_how_many_sets_were_left_out_and_fit_no_order_that_shares_do_not_determine():
     left = pd.DataFrame(
         {

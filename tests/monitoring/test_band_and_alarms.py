@@ -29,6 +29,7 @@ def _with_step(part: PartResiduals, size: float, start: float, seconds: float) -
     return PartResiduals(part.part, part.time, residual, part.predicted, part.tool, part.block)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("known", "most"), [(1, 0.04), (3, 0.025), (10, 0.025)])
 def test_false_alarms_stay_near_what_is_tolerated_from_the_first_part_on(known, most):
     rng = np.random.default_rng(known)

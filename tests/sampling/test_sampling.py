@@ -235,6 +235,7 @@ def test_eq_7_reduces_to_one_weight_per_category():
     assert (np.diff(trust[50:, 0][np.argsort(np.abs(error[50:]))]) <= 0).all()
 
 
+@pytest.mark.thorough
 def test_the_adaptive_method_leaves_noise_alone():
     rng = np.random.default_rng(0)
     real = milling(800)
@@ -331,6 +332,7 @@ def test_no_row_is_generated_for_models_that_gain_nothing_by_it():
     assert not any(found.anchored)
 
 
+@pytest.mark.thorough
 def test_trust_depends_on_the_set_of_parts_and_not_on_their_order():
     a, b = milling(300, 1, "a"), milling(300, 2, "b")
     one, two = (learn(Samples.concat(parts), MILL, quick_trainer()) for parts in ([a, b], [b, a]))

@@ -115,6 +115,7 @@ def test_a_shell_that_points_elsewhere_is_told_where_and_makes_no_database(plant
     assert "in MLflow" not in there
 
 
+@pytest.mark.thorough
 def test_an_iteration_in_a_shell_that_names_no_mlflow_is_left_to_who_knows_the_server(plant, tmp_path):
     server, own = f"sqlite:///{tmp_path / 'server.db'}", f"sqlite:///{plant / 'mlflow.db'}"
     assert pido("iterate", "-w", plant, MLFLOW_TRACKING_URI=server).returncode == 0

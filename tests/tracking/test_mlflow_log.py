@@ -154,6 +154,7 @@ def copy_on(server: str, workspace: Workspace, root: Path, seed: int) -> Workspa
     return place
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("older", [False, True])
 def test_workspaces_with_machines_of_one_name_on_one_server_have_models_and_aliases_of_their_own(
     workspace, tmp_path, older
