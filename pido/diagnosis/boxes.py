@@ -149,6 +149,12 @@ class Grid:
         """(boxes,) – how many limits each box has."""
         return np.concatenate([each.limits for each in self.lattices])
 
+    @cached_property
+    def by_limits(self) -> dict[int, Int1D]:
+        """The boxes by how many limits they have; without those that are all of the space."""
+        counts = self.limits.astype(np.int8)
+        return {int(c): np.flatnonzero(counts == c) for c in np.unique(counts) if c}
+
     def without(self, variable: str) -> tuple[Grid, Bool1D]:
         """The lattices that do not cut this variable, and which boxes are theirs, (boxes,)."""
         free = [variable not in each.cuts for each in self.lattices]

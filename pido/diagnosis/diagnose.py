@@ -43,7 +43,7 @@ from pido.diagnosis.finding import Diagnosis, Estimate, Finding, HeldOut, PartSe
 from pido.diagnosis.flexible import flexible_rest
 from pido.diagnosis.identify import Answer
 from pido.diagnosis.in_time import exactly, in_its_time, in_time
-from pido.diagnosis.limits import on_every_row
+from pido.diagnosis.limits import on_every_row, straight_within
 from pido.diagnosis.locate import score
 from pido.diagnosis.loop import answered
 from pido.diagnosis.misfit import acting
@@ -287,7 +287,7 @@ def _settle(
     terms, noises = settled(full, noise, answer.terms)
     terms = answered(full, noises[0], terms)
     if search_stride(full.n, parts[0].sample_rate_hz) > 1:
-        terms = on_every_row(full, noises[0], terms)
+        terms = straight_within(full, noises[0], on_every_row(full, noises[0], terms))
     terms, proofs, found = proved(full, noises, terms, answer, recorded, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])

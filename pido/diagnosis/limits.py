@@ -1,7 +1,8 @@
 """Limits of regions, as every row has them.
 
 In:  one axis on every row, the terms of its joint model as a search has found them.
-Out: the same terms, the limits of each between the two rows between which they fit best.
+Out: the same terms, the limits of each between the two rows between which they fit best; and laws that only looked bent
+     between limits too far out, straight.
 A search averages rows. Where an axis passes a box within one of these, what acts inside it is no mean of what acts in
 the row: a force in proportion to an acceleration is there at one end of it alone, and the limits found for the averages
 lie too far out.
@@ -19,8 +20,10 @@ from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.confirm import plain_error
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.gates import Gate, gate_variable, inside
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mechanisms.sliding import is_smooth
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.terms import Term, behind, solve_normal, without
+from pido.diagnosis.terms import Term, behind, fit, solve_normal, without
 from pido.diagnosis.whiten import Noise
 
 _AROUND = (-0.16, -0.08, -0.03, -0.01, 0.0, 0.01, 0.03, 0.08, 0.16)  # of all values, where limits are tried together
@@ -29,6 +32,8 @@ _MOVES = 12  # of one size
 _ROUNDS = 3
 _NO_WORSE = 1.005  # of the error on folds that were not fitted
 _LESS = 4.0  # of 2 log likelihood, that a round is to bring
+
+_VISCOUS = next(m for m in CATALOGUE if m.id == "viscous_friction")
 
 Error = Callable[[tuple[Gate, ...]], float]
 """gates -> the sum of squares that a term between them leaves"""
@@ -50,6 +55,20 @@ def on_every_row(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> lis
     if terms == former or plain_error(mismatch, terms) < _NO_WORSE * plain_error(mismatch, former):
         return terms
     return former
+
+
+def straight_within(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:
+    """`terms`, with a friction whose sign rises with the speed in all of its box as viscous, where that fits better:
+    between limits a little too far out, what rises straight looks bent."""
+    out = list(terms)
+    for i, term in enumerate(terms):
+        bent = term.name == "coulomb_friction" and bool(term.gates) and is_smooth(dict(term.shape))
+        if bent and _VISCOUS.id not in {t.name for t in out}:
+            straight = replace(term, mechanism=_VISCOUS, shape=(), name=_VISCOUS.id)
+            trial = [*out[:i], straight, *out[i + 1 :]]
+            if fit(mismatch, noise, trial).bic < fit(mismatch, noise, out).bic:
+                out = trial
+    return out
 
 
 def _moved(mismatch: Mismatch, noise: Noise, term: Term, rest: Sequence[Term]) -> tuple[Term, float]:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.boxes import (
     Float32,
     Grid,
@@ -64,7 +64,7 @@ def best_region(
         than one
     """
     space = library.space
-    if space is None:
+    if space is None or not space.coarse.by_limits:
         return None
     best = _best_on(space, space.coarse, library, current, taken)
     if everywhere is not None and everywhere.term.name not in taken and _may_be_confined(library, everywhere.term):
@@ -124,10 +124,10 @@ def _best_on(space: Space, grid: Grid, library: Library, current: Basis, taken: 
 def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Score:
     """The same term in the box of a fine grid in which it takes away most, all limits at once, if that is better."""
     assert library.noise is not None
-    plain = library.columns(replace(score.term, gates=())).astype(np.float32)
+    plain = _there(library.columns(replace(score.term, gates=()))).astype(np.float32)
     rows = of_unit_length(of_themselves(library.noise, library.noise.whiten(plain), plain))
     gain = _gains(library, score.term, fine, rows, current.residual32, own_products(fine, rows))
-    box = int(np.argmax(_worth(current, gain, _charge_of_limits(library, current, fine))))
+    box, _ = _best_box(current, gain, fine, _charge_of_limit(library, current))
     found = library.score(replace(score.term, gates=fine.gates(box)), current)
     return score if found is None else min(score, found, key=_price)
 
@@ -139,12 +139,11 @@ def _price(score: Score) -> float:
 
 def _promising(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[Term]:
     """The likeliest mechanisms in a few shapes, each in its best box of a grid."""
-    limits = _charge_of_limits(library, current, grid)
+    limit = _charge_of_limit(library, current)
     ranked: dict[str, list[tuple[float, Term]]] = {}
     for term, gain in _scan(library, current, taken, grid):
-        worth = _worth(current, gain, limits)
-        box = int(np.argmax(worth))
-        value = float(worth[box]) - library.charge(term) - CLEARLY * (term.name == "unknown")
+        box, worth = _best_box(current, gain, grid, limit)
+        value = worth - library.charge(term) - CLEARLY * (term.name == "unknown")
         ranked.setdefault(term.name, []).append((value, replace(term, gates=grid.gates(box))))
     names = heapq.nlargest(_NAMES, ranked, key=lambda name: max(v for v, _ in ranked[name]))
     for name in names:
@@ -152,21 +151,22 @@ def _promising(library: Library, current: Basis, taken: Collection[str], grid: G
             yield term
 
 
-def _charge_of_limits(library: Library, current: Basis, grid: Grid) -> Float1D:
-    """(boxes,) – BIC that the limits of each box have to bring; inf of the one that is all of the space."""
-    charge = np.asarray(grid.limits * _charge_of_limit(library, current), float)
-    charge[grid.limits == 0] = np.inf
-    return charge
-
-
 def _charge_of_limit(library: Library, current: Basis) -> float:
     searched = library.charge(Term(LEVEL, gates=(Gate("AR"),))) - library.charge(Term(LEVEL))
     return searched + float(np.log(current.n)) + _LIMIT_WORTH
 
 
-def _worth(current: Basis, gain: Float32, limits: Float1D) -> Float1D:
-    """(boxes,) – BIC that a term which takes away `gain` brings in each box, its `limits` paid for."""
-    return -current.n * np.log1p(-np.minimum(gain / current.rss, _ALL)) - limits
+def _best_box(current: Basis, gain: Float32, grid: Grid, limit: float) -> tuple[int, float]:
+    """The box in which what a term takes away is worth most, and that worth in BIC with its limits paid for.
+
+    gain : (boxes,) – what the term takes away; limit : what each limit has to bring
+    Of boxes with as many limits, what takes most away is worth most.
+    """
+    most = [int(boxes[np.argmax(gain[boxes])]) for boxes in grid.by_limits.values()]
+    taken = np.minimum(gain[most].astype(float) / current.rss, _ALL)
+    worth = -current.n * np.log1p(-taken) - limit * np.array(list(grid.by_limits))
+    best = int(np.argmax(worth))
+    return most[best], float(worth[best])
 
 
 def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) -> Iterator[tuple[Term, Float32]]:
@@ -335,7 +335,7 @@ def _best_interval(
     late to what is inside: rows pass it once they are in their classes.
     """
     others = tuple(g for g in score.term.gates if g.variable != variable)
-    columns = library.columns(replace(score.term, gates=others, lag=0.0))
+    columns = _there(library.columns(replace(score.term, gates=others, lag=0.0)))
     k, part = len(columns), space.between(variable, limits)
     each = vstack([csr_array((part.data * c[part.indices], part.indices, part.indptr), part.shape) for c in columns])
     whitened = csr_array(each @ (library.whitening_late if score.term.lag else library.whitening).T)
@@ -356,6 +356,11 @@ def _best_interval(
     gates = (*others, *sides)
     found = None if set(gates) == set(score.term.gates) else library.score(replace(score.term, gates=gates), current)
     return found if found is not None and _with_limits(found) < _with_limits(score) else score
+
+
+def _there(columns: Float2D) -> Float2D:
+    """The columns that a form of a law has: all others are zero, and take nothing away in any box."""
+    return columns[columns.any(axis=1)]
 
 
 def _with_limits(score: Score) -> float:

@@ -1,10 +1,13 @@
 """Limits of a box that an axis passes within a few samples, from where averages of these have put them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.gates import Gate
-from pido.diagnosis.limits import on_every_row
+from pido.diagnosis.limits import on_every_row, straight_within
 from pido.diagnosis.terms import Term, behind, fit
 from tests.diagnosis.feeds import BY_ID, laid_out
 
@@ -35,3 +38,16 @@ def test_terms_without_limits_and_their_shapes_stay_as_they_are():
     mismatch, noise = laid_out(lambda s: 0.3 * np.sign(s.v) * s.moving)
     terms = [Term(BY_ID["coulomb_friction"], (("rest", 0.0),)), Term(BY_ID["inertia"])]
     assert on_every_row(mismatch, noise, terms) == terms
+
+
+@pytest.mark.parametrize(
+    ("effect", "name"),
+    [(lambda v: 0.1 * v, "viscous_friction"), (lambda v: 0.4 * np.tanh(v / 1.5), "coulomb_friction")],
+)
+def test_a_friction_that_rises_straight_in_its_box_is_viscous_once_the_limits_are_right(effect, name):
+    box = (Gate("|v_x|", low=LOW), Gate("|v_x|", high=HIGH))
+    mismatch, noise = laid_out(lambda s: effect(s.v) * ((np.abs(s.v) >= LOW) & (np.abs(s.v) < HIGH)))
+    bent = Term(BY_ID["coulomb_friction"], (("rest", 3.0), ("v_0", 2.5)), box)
+    (term,) = straight_within(mismatch, noise, settle_shapes(mismatch, noise, [bent]))
+    assert (term.name, term.gates) == (name, box)
+    assert straight_within(mismatch, noise, [replace(bent, gates=())])[0].name == "coulomb_friction"
