@@ -15,6 +15,7 @@ from pido.diagnosis.gates import PATH_SPEED, Gate
 from pido.diagnosis.latched import Latched, Switched
 from pido.diagnosis.late import Fading, Lagged, Modulated
 from pido.diagnosis.late_arms import LaggedArm
+from pido.diagnosis.late_eased import EasedLately
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import axis_states
@@ -182,6 +183,8 @@ NAMELESS = [
     (Fading("feed", "u", "mm/s"), {"tau": 0.5}, "changes of the speed along the path"),
     (LaggedArm("v_x", "u", "mm/s", "pos_y", "mm"), {"tau": 0.5}, "how far the y axis is from some place"),
     (Modulated("v_x", "sgn u", "v_sp", "u", "deg/s"), {"tau": 30.0}, "changing with what the speed of the spindle was"),
+    (EasedLately("feed", "v_x", "sgn u", "mm/s", "mm/s"), {"tau": 3.0, "c": 5.0},
+     "changing with what the speed along the path was in the last 3 s up to some 5 mm/s"),
     (Latched("v_y", "mm/s", True), {"c": 3.0, "T": 2.0}, "the speed of the y axis, either way, is above 3 mm/s"),
     (Switched("feed", "mm/s", False, "I_x", "A"), {"c_on": 9.0, "c_off": 2.0},
      "with the simulated current of the x axis, once the speed along the path is above 9 mm/s"),
