@@ -47,12 +47,14 @@ from pido.diagnosis.quantities import in_words as said_of
 from pido.diagnosis.quantities import meanings
 from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.switches import gate_words
-from pido.diagnosis.terms import Component, Term
+from pido.diagnosis.terms import Component, Term, fit
 from pido.diagnosis.units import units
 from pido.diagnosis.unknowns import recording_of_unknown
 from pido.diagnosis.whiten import Noise
 
 _MOST_ALTERNATIVES = 4
+_SEEN = 60.0  # BIC of a law by itself, from which on it is told though too little of the recordings proves it
+_MOST_OF_IT = 0.9  # of what a law does
 _ALIKE = 0.9  # of the power of what is missing of a law, that the simulation's own form of it has
 
 
@@ -110,6 +112,31 @@ def finding_of(
         by_part=parts,
         said=told.name,
         to_record=told.to_record or to_record(term, every, coolant_recorded(mismatch.states), mismatch.states),
+    )
+
+
+def note_of_unproved(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> str | None:
+    """What is said of an axis on which nothing stands, of the law that would explain most; None where none is likely.
+
+    An effect of a few seconds is seen, and could be any law that these seconds have in common, or an event.
+    """
+    alone = {t: fit(mismatch, noise, [t]) for t in terms}
+    best = min(alone, key=lambda t: alone[t].bic, default=None)
+    if best is None or fit(mismatch, noise, []).bic - alone[best].bic < _SEEN:
+        return None
+    effect = alone[best].amplitudes[0] @ best.columns(mismatch.states)
+    power = np.bincount(mismatch.block, np.where(mismatch.usable, effect**2, 0.0))
+    ranked = np.argsort(-power)
+    count = 1 + int(np.searchsorted(np.cumsum(power[ranked]), _MOST_OF_IT * power.sum()))
+    rows = np.flatnonzero(mismatch.block == ranked[0])
+    state, first = mismatch.states[mismatch.part[rows[0]]], mismatch.edges[mismatch.part[rows[0]]]
+    start, end = state.time[rows[0] - first], state.time[rows[-1] - first]
+    law = "a law without a name" if best.name == "unknown" else best.mechanism.id
+    return (
+        f"axis {mismatch.axis}: something is there that is more than noise, nearly all of it in {count} of "
+        f"{len(power)} stretches, most in part {state.part} from {start:.4g} to {end:.4g} s. It could be {law} "
+        f"({words(best, mismatch.states).summary}), and so little does not prove that it is. Record that motion again, "
+        "in further parts."
     )
 
 

@@ -22,7 +22,7 @@ from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.core.machining import Machine
 from pido.core.memory import kept_memory
 from pido.core.recording import Recording
-from pido.diagnosis.answers import finding_of
+from pido.diagnosis.answers import finding_of, note_of_unproved
 from pido.diagnosis.bands import dead_bands
 from pido.diagnosis.baseline import equation_inputs, equation_names, equation_rows, supported_terms, uneven_inputs
 from pido.diagnosis.beyond import ranges, ranges_of_columns
@@ -288,6 +288,7 @@ def _settle(
     terms = answered(full, noises[0], terms)
     if search_stride(full.n, parts[0].sample_rate_hz) > 1:
         terms = straight_within(full, noises[0], on_every_row(full, noises[0], terms))
+    offered = [*answer.unproved, *terms]
     terms, proofs, found = proved(full, noises, terms, answer, recorded, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])
@@ -319,7 +320,8 @@ def _settle(
             finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed, noises[0])
         )
     findings, note = one_for_many(full, noises[0], terms, found.fit.amplitudes, findings, recorded, level)
-    answer.notes += [] if note is None else [note]
+    unproved = None if findings else note_of_unproved(full, noises[0], offered)
+    answer.notes += [n for n in (note, unproved) if n is not None]
     answer.notes += uneven_inputs(parts, full.axis) if full.base_names else []
     series = []
     for recording, state in zip(parts, full.states, strict=True):

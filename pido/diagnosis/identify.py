@@ -66,6 +66,7 @@ class Answer:
     """What was decided about one axis; the lists run parallel to `terms`.
 
     simulated : by the name of a term that the simulation contains, that term as it is there
+    unproved : where no term stands, those that were likely, and that too few blocks of rows speak for
     """
 
     axis: str
@@ -78,6 +79,7 @@ class Answer:
     rejected: list[Rejected] = field(default_factory=list)
     noise: Noise | None = None
     notes: list[str] = field(default_factory=list)
+    unproved: list[Term] = field(default_factory=list)
 
 
 def candidates(

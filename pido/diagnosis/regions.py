@@ -64,7 +64,7 @@ def best_region(
         than one
     """
     space = library.space
-    if space is None or not space.coarse.by_limits:
+    if space is None:
         return None
     best = _best_on(space, space.coarse, library, current, taken)
     if everywhere is not None and everywhere.term.name not in taken and _may_be_confined(library, everywhere.term):
@@ -160,8 +160,10 @@ def _best_box(current: Basis, gain: Float32, grid: Grid, limit: float) -> tuple[
     """The box in which what a term takes away is worth most, and that worth in BIC with its limits paid for.
 
     gain : (boxes,) – what the term takes away; limit : what each limit has to bring
-    Of boxes with as many limits, what takes most away is worth most.
+    Of boxes with as many limits, what takes most away is worth most. All of the space is no box.
     """
+    if not grid.by_limits:
+        return 0, -np.inf
     most = [int(boxes[np.argmax(gain[boxes])]) for boxes in grid.by_limits.values()]
     taken = np.minimum(gain[most].astype(float) / current.rss, _ALL)
     worth = -current.n * np.log1p(-taken) - limit * np.array(list(grid.by_limits))

@@ -184,6 +184,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
         library.take([t for t in look.offered if t in others])
     library.whiten(noise)
     answer.terms = terms
+    answer.unproved = [] if terms else offered
     answer.noise = noise
     answer.simulated = {f"miscalibrated:{i}": c for i, c in look.inside.items()}
     whole = basis(library, noise, terms).bic

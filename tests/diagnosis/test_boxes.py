@@ -19,6 +19,8 @@ from pido.diagnosis.boxes import (
     places_in,
     places_of,
 )
+from pido.diagnosis.library import Basis
+from pido.diagnosis.regions import _best_box
 
 
 def variables(rng, n=400):
@@ -127,3 +129,23 @@ def test_what_two_columns_take_away_between_limits_is_the_least_squares_fit_besi
         assert g == pytest.approx(residual @ residual - left @ left, rel=5e-3, abs=0.5)
     best = int(np.argmax(gain))
     assert (first[best], last[best]) == (1, 3)
+
+
+def test_a_space_that_nothing_cuts_has_no_box():
+    grid = grid_at({"v_x": np.arange(5.0)}, {"v_x": np.zeros(0)})
+    assert grid.by_limits == {}
+    assert _best_box(_basis(), np.array([3.0], np.float32), grid, 10.0) == (0, -np.inf)
+
+
+def test_the_best_box_pays_for_each_of_its_limits():
+    grid = grid_at({"v_x": np.arange(5.0)}, {"v_x": np.array([1.5, 3.5])})
+    limits = [len(grid.gates(k)) for k in range(len(grid.limits))]
+    gain = np.array([(0.0, 20.0, 21.0)[count] for count in limits], np.float32)
+    cheap, dear = (_best_box(_basis(), gain, grid, limit)[0] for limit in (0.1, 10.0))
+    assert (limits[cheap], limits[dear]) == (2, 1)
+    assert _best_box(_basis(), gain, grid, 10.0)[1] == pytest.approx(-100 * np.log(1 - 20.0 / 100.0) - 10.0)
+
+
+def _basis() -> Basis:
+    """Hundred rows whose squares sum up to a hundred."""
+    return Basis(np.zeros((0, 100)), np.ones(100), 100.0, 100, 0, 0.0)
