@@ -74,8 +74,9 @@ def check_all(recordings: Sequence[Recording], machine: Machine | None = None) -
 def summary(found: Diagnosis) -> list[str]:
     """One line per finding, then the axes on which nothing was found, and those of which nothing is said."""
     lines = [f"{f.axis}   {f.mechanism}   {_what(f)}{_gain(f, found.beside_others(f))}" for f in found.findings]
-    if found.clean_axes:
-        lines.append(f"{', '.join(found.clean_axes)}   nothing significant")
+    if clean := [axis for axis in found.clean_axes if axis not in found.unproved]:
+        lines.append(f"{', '.join(clean)}   nothing significant")
+    lines += [f"{axis}   something is seen that too few seconds show to prove it" for axis in found.unproved]
     if pair_of(found.model) is None:
         lines += [f"{axis}   not judged: {_why_not(axis, found.notes)}" for axis in found.not_judged]
     return lines

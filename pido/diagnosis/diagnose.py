@@ -171,6 +171,7 @@ def _diagnose(
         rejected=tuple(rejected),
         notes=tuple(notes),
         moving_s={axis: moving_s(parts, axis, bands) for axis in axes},
+        unproved=tuple(a for a in axes if a not in found and proved[a].unproved),
     )
     return result if pair is None else in_its_unit(result, pair)
 
@@ -222,6 +223,7 @@ class _Work:
     rejected: list[Rejected] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     series: list[tuple[Float1D, Float1D, Float1D]] = field(default_factory=list)
+    unproved: bool = False  # whether something is seen that too few seconds show
 
 
 def _lay_out(
@@ -328,7 +330,7 @@ def _settle(
         simulated = model.simulated(recording, state)
         effect = model.effect(simulated, recording, state)
         series.append((effect, score(effect, level), simulated + effect))
-    return _Work(model, findings, answer.rejected, answer.notes, series)
+    return _Work(model, findings, answer.rejected, answer.notes, series, unproved is not None)
 
 
 def settled(full: Mismatch, quick: Noise, terms: Sequence[Term]) -> tuple[list[Term], tuple[Noise, Noise]]:

@@ -182,6 +182,7 @@ class Diagnosis:
     rejected: tuple[Rejected, ...] = ()
     notes: tuple[str, ...] = field(default=())  # what could not be answered on these data, and why
     moving_s: Mapping[str, float | None] = field(default_factory=dict)  # per judged axis, of `comparable.moving_s`
+    unproved: tuple[str, ...] = ()  # of the clean axes, those on which more is seen than too few seconds can prove
 
     @property
     def not_judged(self) -> tuple[str, ...]:

@@ -107,11 +107,17 @@ def diagnosis_page(diagnosis: Diagnosis, recordings: Sequence[Recording]) -> Pag
 
 def verdict(diagnosis: Diagnosis) -> str:
     """The result in one or two sentences."""
+    clean = ", ".join(a for a in diagnosis.clean_axes if a not in diagnosis.unproved)
+    unproved = ""
+    if diagnosis.unproved:
+        unproved = f" Seen in a few seconds, and not proved by them: something on {', '.join(diagnosis.unproved)}."
+    if not diagnosis.findings and diagnosis.unproved:
+        agree = f" Simulation and recording agree within the noise on {clean}." * bool(clean)
+        return f"Nothing is proved to be left out.{unproved}{agree}{_limits(diagnosis)}"
     if not diagnosis.findings:
-        axes = ", ".join(diagnosis.clean_axes) or "any axis"
         return (
-            f"Simulation and recording agree within the noise: nothing systematic is left out on {axes}."
-            f"{_limits(diagnosis)}"
+            "Simulation and recording agree within the noise: nothing systematic is left out on "
+            f"{clean or 'any axis'}.{_limits(diagnosis)}"
         )
     first = diagnosis.findings[0]
     called = _called(first)
@@ -123,9 +129,9 @@ def verdict(diagnosis: Diagnosis) -> str:
     others = len(diagnosis.findings) - 1
     if others:
         text += f" {others} further finding{'s' if others > 1 else ''} below."
-    if diagnosis.clean_axes:
-        text += f" Nothing significant on: {', '.join(diagnosis.clean_axes)}."
-    return text + _limits(diagnosis)
+    if clean:
+        text += f" Nothing significant on: {clean}."
+    return text + unproved + _limits(diagnosis)
 
 
 def _called(finding: Finding) -> str:

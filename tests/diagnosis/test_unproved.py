@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pido.diagnoses import summary
 from pido.diagnosis.answers import note_of_unproved
+from pido.diagnosis.finding import Diagnosis
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.terms import Term
+from pido.reports.diagnosis import verdict
 from tests.diagnosis.planted import STEP, VISCOUS, planted
 
 FAST = Term(VISCOUS, gates=(Gate("v_x", low=30.0),))
@@ -36,3 +39,27 @@ def test_the_note_says_where_it_is_what_it_could_be_and_what_to_record():
 def test_nothing_is_said_of_noise(terms):
     library, noise = planted(lambda s: FAST.columns([s])[0], strength=0.0, change=once)
     assert note_of_unproved(library.mismatch, noise, terms) is None
+
+
+@pytest.mark.parametrize(
+    ("clean", "unproved", "said"),
+    [
+        (("x", "y"), (), "agree within the noise: nothing systematic is left out on x, y."),
+        (
+            ("x", "y"),
+            ("y",),
+            "on y. Simulation and recording agree within the noise on x.",
+        ),
+        (
+            ("y",),
+            ("y",),
+            "Nothing is proved to be left out. Seen in a few seconds, and not proved by",
+        ),
+    ],
+)
+def test_the_page_does_not_call_an_axis_clean_on_which_something_is_seen(clean, unproved, said):
+    found = Diagnosis((), clean, {}, {}, unproved=unproved)
+    assert said in verdict(found)
+    lines = "\n".join(summary(found))
+    assert (f"{clean[-1]}   something is seen" in lines) == bool(unproved)
+    assert ("nothing significant" in lines) == (set(clean) != set(unproved))
