@@ -55,6 +55,7 @@ from pido.diagnosis.whiten import Noise
 _MOST_ALTERNATIVES = 4
 _SEEN = 60.0  # BIC of a law by itself, from which on it is told though too little of the recordings proves it
 _MOST_OF_IT = 0.9  # of what a law does
+_FEW, _SHARE_OF_THEM = 3, 0.1  # blocks that are too few to prove it, and the share of all that are
 _ALIKE = 0.9  # of the power of what is missing of a law, that the simulation's own form of it has
 
 
@@ -128,6 +129,8 @@ def note_of_unproved(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) ->
     power = np.bincount(mismatch.block, np.where(mismatch.usable, effect**2, 0.0))
     ranked = np.argsort(-power)
     count = 1 + int(np.searchsorted(np.cumsum(power[ranked]), _MOST_OF_IT * power.sum()))
+    if count > max(_FEW, _SHARE_OF_THEM * len(power)):
+        return None  # it was seen often enough to be proved, had it been a law
     rows = np.flatnonzero(mismatch.block == ranked[0])
     state, first = mismatch.states[mismatch.part[rows[0]]], mismatch.edges[mismatch.part[rows[0]]]
     start, end = state.time[rows[0] - first], state.time[rows[-1] - first]

@@ -41,6 +41,11 @@ def test_nothing_is_said_of_noise(terms):
     assert note_of_unproved(library.mismatch, noise, terms) is None
 
 
+def test_nothing_is_said_of_what_was_seen_often_and_did_not_stand():
+    library, noise = planted(lambda s: s.v, strength=0.5)
+    assert note_of_unproved(library.mismatch, noise, [Term(VISCOUS)]) is None
+
+
 @pytest.mark.parametrize(
     ("clean", "unproved", "said"),
     [
