@@ -290,6 +290,7 @@ def _settle(
     terms = answered(full, noises[0], terms)
     if search_stride(full.n, parts[0].sample_rate_hz) > 1:
         terms = straight_within(full, noises[0], on_every_row(full, noises[0], terms))
+    terms = [t.with_shape(**t.mechanism.from_the_middle(dict(t.shape), full.states)) for t in terms]
     offered = [*answer.unproved, *terms]
     terms, proofs, found = proved(full, noises, terms, answer, recorded, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.

@@ -18,7 +18,7 @@ from pido.diagnosis.identify import Answer
 from pido.diagnosis.misfit import useless
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.models import AxisModel
-from pido.diagnosis.terms import Term, held_back, solve
+from pido.diagnosis.terms import Term, fit, held_back, solve
 from pido.diagnosis.transients import Transient
 from tests.diagnosis.feeds import BY_ID
 from tests.diagnosis.planted import NOISE, STEP, VISCOUS, planted
@@ -217,7 +217,11 @@ def test_a_wave_of_friction_far_from_the_machines_zero_has_heights_that_are_know
 
     library, noise = planted(effect, strength=1.0, change=far)
     start = min(law.starts(library.mismatch.states), key=lambda s: (s["form"] != 0, abs(s["L"] - 12.0)))
+    start = law.from_the_middle(start, library.mismatch.states)
     (term,) = settle_shapes(library.mismatch, noise, [Term(law, tuple(start.items()))])
+    assert fit(library.mismatch, noise, [term.with_shape(p_0=0.0)]).rss == pytest.approx(
+        fit(library.mismatch, noise, [term]).rss
+    )
     (found,) = estimate(library.mismatch, noise, [term], np.random.default_rng(5)).parameters
     height = np.hypot(found["G_1"].value, found["G_2"].value)
     assert found["L"].value == pytest.approx(12.0, rel=0.02)

@@ -161,6 +161,10 @@ class Mechanism(ABC):
         top = size.max(axis=0)
         return np.max(size / np.where(top > 0, top, 1.0), axis=1) if len(size) else np.zeros(0)
 
+    def from_the_middle(self, shape: Mapping[str, float], states: Sequence[AxisState]) -> dict[str, float]:
+        """The same law in the shape in which its sizes are known best."""
+        return dict(shape)
+
     def equation_in(self, axis: str, shape: Mapping[str, float]) -> str:
         """The equation in the form that a shape chooses; dI, v, a, pos and _i are those of the axis."""
         return self.equation

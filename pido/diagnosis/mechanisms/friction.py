@@ -327,11 +327,11 @@ class PositionDependentFriction(Sliding):
 
     def starts(self, states):
         """Waves from a ninth to twice the travel, a parabola and two curves over it, five tight places of an eighth of
-        it. Waves count from its middle: from further off a phase would be as little known as the length is."""
+        it."""
         low, high = _ends(states)
-        span, middle = max(high - low, 1e-3), (low + high) / 2
-        waves = [(0.0, span / (0.5 + 0.5 * k), middle) for k in range(18)]
-        bend = [(form, span / 2, middle) for form in (1.0, *_PLACES)]
+        span = max(high - low, 1e-3)
+        waves = [(0.0, span / (0.5 + 0.5 * k), 0.0) for k in range(18)]
+        bend = [(form, span / 2, (low + high) / 2) for form in (1.0, *_PLACES)]
         places = [(2.0, span / 12, low + span * (k + 0.5) / 5) for k in range(5)]
         forms = (*waves, *bend, *places)
         return _at_and_off_rest(forms)
@@ -348,7 +348,7 @@ class PositionDependentFriction(Sliding):
         if good.sum() < 50 or high - low < 1e-3:
             return ()
         pos, level = pos[good], (value * h)[good]
-        shapes = [(0.0, L, (low + high) / 2) for L in periods_of(pos, level, _SHORTEST, high - low, PEAKS)]
+        shapes = [(0.0, L, 0.0) for L in periods_of(pos, level, _SHORTEST, high - low, PEAKS)]
         stretch = best_stretch(pos, level, low, high)
         if stretch is not None:
             shapes.append((2.0, (stretch[1] - stretch[0]) / 3, sum(stretch) / 2))
@@ -365,6 +365,12 @@ class PositionDependentFriction(Sliding):
         if name == "p_0" and form == 2:
             return max(low, p_0 - 2 * L), min(high, p_0 + 2 * L)
         return super().around(name, shape, states) if name == "v_0" else (shape[name], shape[name])
+
+    def from_the_middle(self, shape, states):
+        """Waves count from the middle of the travel: from further off, a phase is as little known as the length times
+        all waves in between."""
+        low, high = _ends(states)
+        return {**shape, "p_0": (low + high) / 2} if round(shape["form"]) in (0, 3) else dict(shape)
 
     def free(self, shape):
         return (1, 0, 2, 1, 0, 0, 0)[round(shape["form"])] + is_smooth(shape)
