@@ -64,7 +64,7 @@ def main(data: Path | None, machine: str | None, job: Path | None, count: int, s
         if odd is not None:
             _diagnose(odd, out.absolute() / "diagnosis")
             _unseal(Path(folder))
-    _how_to_look(out.absolute(), time.perf_counter() - start)
+    _how_to_look(out.absolute(), machine, time.perf_counter() - start)
     if not outcomes:
         raise PidoError("no part could be used; the reasons stand above.")
 
@@ -222,11 +222,11 @@ def _gain(before: float, after: float) -> str:
     return f"{100 * (1 - after / before):+.1f} %" if before > 0 else "–"
 
 
-def _how_to_look(out: Path, seconds: float) -> None:
-    from pido.tracking.mlflow_store import how_to_open
+def _how_to_look(out: Path, machine: str, seconds: float) -> None:
+    from pido.tracking.pages import how_to_open
     from pido.workspace import Workspace
 
-    click.echo(f"\n{seconds:.0f} s. Runs, data sets, figures and models: {how_to_open(Workspace.open(out))}")
+    click.echo(f"\n{seconds:.0f} s. Runs, data sets, figures and models: {how_to_open(Workspace.open(out), machine)}")
     click.echo(
         f"Flows and their tasks: PREFECT_HOME={out / 'prefect'} prefect server start   then open http://127.0.0.1:4200"
     )

@@ -37,7 +37,7 @@ DATABASES = ("sqlite", "postgresql", "mysql", "mssql")
 PATIENCE_S = 5
 """For a database to answer, s."""
 KIND, TRAINING = "mlflow.experimentKind", "custom_model_development"
-"""MLflow opens such an experiment with its runs; any other with an overview for language models, empty here."""
+"""What MLflow takes such an experiment for; any other is one of language models."""
 
 
 def not_installed() -> str:
@@ -147,9 +147,3 @@ def _experiment(machine: str, ending: str) -> str:
 def model_names(machine: str, ending: str = "") -> dict[str, str]:
     """Axis -> name of the registered model."""
     return {axis: f"{file_name(machine)}-{axis}{ending}" for axis in AXES}
-
-
-def how_to_open(workspace: Workspace) -> str:
-    """What a person types, or the address they open, to look at the runs."""
-    ui = f"mlflow ui --backend-store-uri {workspace.tracking_uri}   then open http://127.0.0.1:5000"
-    return workspace.tracking_page or ui

@@ -15,8 +15,8 @@ from flows.server import answers, die_with_parent, free_port, stop
 from pido.tracking import bundle
 from pido.tracking.diagnoses import attach
 from pido.tracking.ledger import Ledger
-from pido.tracking.mlflow_store import KEY, client, experiment, how_to_open
-from pido.tracking.pages import address_of
+from pido.tracking.mlflow_store import KEY, client, experiment
+from pido.tracking.pages import address_of, how_to_open
 from pido.workspace import MLFLOW_PAGE, Workspace
 
 pytestmark = [
@@ -82,7 +82,8 @@ def test_links_lead_where_browsers_find_mlflow_and_the_worker_goes_on_calling_it
     outcome = {"machine": MACHINE, "version": 1, "part": {"name": "p"}, "gate": {"words": ""}, "run_key": RUN,
                "metrics": {}}  # fmt: skip
     assert f"({to_run})" in page(place, outcome, "")
-    assert how_to_open(place) == f"http://localhost:{port}"
+    assert how_to_open(place, MACHINE) == to_run.replace(f"/{run}", "")
+    assert answers(how_to_open(place, MACHINE))
     (place.root / "workspace.toml").write_text('tracking_page = "https://plant.example/mlflow"\n')
     named = Workspace.open(place.root)
     assert all(link.startswith("https://plant.example/mlflow/#/") for link in links(named, tmp_path))
