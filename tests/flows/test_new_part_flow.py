@@ -12,6 +12,7 @@ import time
 import urllib.request
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from plain_parts import parts as made_up
@@ -199,6 +200,7 @@ TWO_AT_A_TIME = """
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from prefect.client.orchestration import get_client
 from prefect.deployments import run_deployment
 from prefect.states import Completed, Crashed
@@ -364,8 +366,18 @@ def test_a_run_lets_those_before_it_in_production_order_go_first_unless_they_hav
         first = run_in(Scheduled(), early)
         takes_turn(early, first)
         assert not said
-        ends = iter([Pending(), Running(), Failed(message="a broken part holds up nobody")])
-        monkeypatch.setattr(turns.time, "sleep", lambda s: client.set_flow_run_state(first, next(ends), force=True))
+
+        def ends_meanwhile(run, *states):
+            """Each look of a turn finds the run in the next state; the client itself may sleep, and ask again."""
+            ends = iter(states)
+
+            def sleep(seconds):
+                client.set_flow_run_state(run, next(ends), force=True)
+
+            monkeypatch.setattr(turns, "time", SimpleNamespace(sleep=sleep, monotonic=time.monotonic))
+            return ends
+
+        ends = ends_meanwhile(first, Pending(), Running(), Failed(message="a broken part holds up nobody"))
         takes_turn(late, second)
         assert next(ends, "all of its states were waited for") == "all of its states were waited for"
         [words] = said
@@ -376,8 +388,7 @@ def test_a_run_lets_those_before_it_in_production_order_go_first_unless_they_hav
         monkeypatch.setattr(turns, "STARTING", timedelta(0))
         takes_turn(late, second)
         alive = run_in(Running(), early)
-        ends = iter([Failed()])
-        monkeypatch.setattr(turns.time, "sleep", lambda s: client.set_flow_run_state(alive, next(ends), force=True))
+        ends = ends_meanwhile(alive, Failed())
         with workspace.lock(f"run {alive}"):
             takes_turn(late, second)
         assert not list(ends), "one that has a process is waited for, however long it takes"
