@@ -373,8 +373,14 @@ def proved(
         ]
         reason = "the error on unseen parts is hardly smaller with it"
         if not idle:
-            # A force over one interval is shown in that block alone, which no test over blocks can tell from chance.
-            idle = [i for i, p in enumerate(proofs) if p.p_value > _BY_CHANCE and not forces_among([kept[i]])]
+            # What acts too seldom to tell in all has to be there more than once. A force over one interval never is.
+            idle = [
+                i
+                for i, p in enumerate(proofs)
+                if not p.rmse_after < least[i] * p.rmse_before
+                and p.p_value > _BY_CHANCE
+                and not forces_among([kept[i]])
+            ]
             reason = f"a paired test does not show it on unseen parts (p > {_BY_CHANCE:g})"
         if not idle:
             idle = _rests(full, kept)
