@@ -67,7 +67,7 @@ Result = TypeVar("Result")
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
 _CLEARLY_LESS_THERE = 0.9  # of the error where a finding acts, that may be left where it acts too seldom to tell in all
-_BY_CHANCE = 0.05  # one-sided p of the paired test on unseen parts, above which these do not show a finding
+_BY_CHANCE = 0.05  # one-sided p of the paired test, above which unseen parts do not show what acts too seldom to tell
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
 
 
@@ -365,22 +365,14 @@ def proved(
         amplitudes = fit(full, noise, kept).amplitudes
         acts = [acting(full, a @ t.columns(full.states)) for t, a in zip(kept, amplitudes, strict=True)]
         least = [min(_LESS_ERROR, 1 - _LESS_WHERE * float(np.mean(rows))) for rows in acts]
+        seldom = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         idle = [
-            i
-            for i, p in enumerate(proofs)
-            if not p.rmse_after < least[i] * p.rmse_before
-            and less_error_there(full, noise, kept, without(kept, i), acts[i]) > _CLEARLY_LESS_THERE
+            i for i in seldom if less_error_there(full, noise, kept, without(kept, i), acts[i]) > _CLEARLY_LESS_THERE
         ]
         reason = "the error on unseen parts is hardly smaller with it"
         if not idle:
             # What acts too seldom to tell in all has to be there more than once. A force over one interval never is.
-            idle = [
-                i
-                for i, p in enumerate(proofs)
-                if not p.rmse_after < least[i] * p.rmse_before
-                and p.p_value > _BY_CHANCE
-                and not forces_among([kept[i]])
-            ]
+            idle = [i for i in seldom if proofs[i].p_value > _BY_CHANCE and not forces_among([kept[i]])]
             reason = f"a paired test does not show it on unseen parts (p > {_BY_CHANCE:g})"
         if not idle:
             idle = _rests(full, kept)
