@@ -45,6 +45,7 @@ from pido.diagnosis.mechanisms.base import Told
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.quantities import in_words as said_of
 from pido.diagnosis.quantities import meanings
+from pido.diagnosis.seldom import blocks_of
 from pido.diagnosis.state import AxisState, coolant_recorded
 from pido.diagnosis.switches import gate_words
 from pido.diagnosis.terms import Component, Term, fit
@@ -54,8 +55,6 @@ from pido.diagnosis.whiten import Noise
 
 _MOST_ALTERNATIVES = 4
 _SEEN = 60.0  # BIC of a law by itself, from which on it is told though too little of the recordings proves it
-_MOST_OF_IT = 0.9  # of what a law does
-_FEW, _SHARE_OF_THEM = 3, 0.1  # blocks that are too few to prove it, and the share of all that are
 _ALIKE = 0.9  # of the power of what is missing of a law, that the simulation's own form of it has
 
 
@@ -98,6 +97,12 @@ def finding_of(
         where = replace(
             where, summary=f"{where.summary}; its factor differs from part to part, from {least:.3g} to {most:.3g}"
         )
+    again = ""
+    if answer.few_seconds and (few := blocks_of(mismatch, effect)) is not None:
+        part, start, end = _seconds_of(mismatch, few)
+        seconds = f"part {part} from {start:.4g} to {end:.4g} s"
+        where = replace(where, summary=f"{where.summary}; shown by a few seconds alone, most of them in {seconds}")
+        again = f"the motion of {seconds} again, in further parts: this law is shown by these few seconds alone"
     return Finding(
         axis=mismatch.axis,
         mechanism=term.name,
@@ -112,7 +117,7 @@ def finding_of(
         factor=factor,
         by_part=parts,
         said=told.name,
-        to_record=told.to_record or to_record(term, every, coolant_recorded(mismatch.states), mismatch.states),
+        to_record=again or told.to_record or to_record(term, every, coolant_recorded(mismatch.states), mismatch.states),
     )
 
 
@@ -126,21 +131,25 @@ def note_of_unproved(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) ->
     if best is None or fit(mismatch, noise, []).bic - alone[best].bic < _SEEN:
         return None
     effect = alone[best].amplitudes[0] @ best.columns(mismatch.states)
-    power = np.bincount(mismatch.block, np.where(mismatch.usable, effect**2, 0.0))
-    ranked = np.argsort(-power)
-    count = 1 + int(np.searchsorted(np.cumsum(power[ranked]), _MOST_OF_IT * power.sum()))
-    if count > max(_FEW, _SHARE_OF_THEM * len(power)):
+    few = blocks_of(mismatch, effect)
+    if few is None:
         return None  # it was seen often enough to be proved, had it been a law
-    rows = np.flatnonzero(mismatch.block == ranked[0])
-    state, first = mismatch.states[mismatch.part[rows[0]]], mismatch.edges[mismatch.part[rows[0]]]
-    start, end = state.time[rows[0] - first], state.time[rows[-1] - first]
+    part, start, end = _seconds_of(mismatch, few[:1])
     law = "a law without a name" if best.name == "unknown" else best.mechanism.id
     return (
-        f"axis {mismatch.axis}: something is there that is more than noise, nearly all of it in {count} of "
-        f"{len(power)} stretches, most in part {state.part} from {start:.4g} to {end:.4g} s. It could be {law} "
+        f"axis {mismatch.axis}: something is there that is more than noise, nearly all of it in {len(few)} of "
+        f"{mismatch.block[-1] + 1} stretches, most in part {part} from {start:.4g} to {end:.4g} s. It could be {law} "
         f"({words(best, mismatch.states).summary}), and so little does not prove that it is. Record that motion again, "
         "in further parts."
     )
+
+
+def _seconds_of(mismatch: Mismatch, blocks: Int1D) -> tuple[str, float, float]:
+    """Part, first and last second of some blocks, the strongest first, in the part that this one is of."""
+    part = mismatch.part[np.flatnonzero(mismatch.block == blocks[0])[0]]
+    rows = np.flatnonzero(np.isin(mismatch.block, blocks) & (mismatch.part == part)) - mismatch.edges[part]
+    time = mismatch.states[part].time
+    return mismatch.states[part].part, float(time[rows[0]]), float(time[rows[-1]])
 
 
 def to_record(term: Term, every: float | None, coolant: bool = False, states: Sequence[AxisState] = ()) -> str:

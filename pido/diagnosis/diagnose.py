@@ -52,6 +52,7 @@ from pido.diagnosis.models import AxisModel, Equation, as_json, known_of
 from pido.diagnosis.pair import in_its_unit, in_its_words, paired
 from pido.diagnosis.rounding import Rounding, rounding_of
 from pido.diagnosis.search import Look, first_look
+from pido.diagnosis.seldom import in_pieces
 from pido.diagnosis.shared_out import one_for_many
 from pido.diagnosis.sim_rest import with_simulated_rest
 from pido.diagnosis.state import AxisState, axis_states, running, worn_before
@@ -292,6 +293,9 @@ def _settle(
         terms = straight_within(full, noises[0], on_every_row(full, noises[0], terms))
     terms = [t.with_shape(**t.mechanism.from_the_middle(dict(t.shape), full.states)) for t in terms]
     offered = [*answer.unproved, *terms]
+    whole = full
+    if terms and answer.few_seconds:
+        full = in_pieces(full, noises[0], terms) or full
     terms, proofs, found = proved(full, noises, terms, answer, recorded, rng)
     # The equation by itself is ordinary least squares: that is how it would be used as a simulation.
     alone = fit(full, even(full), [])
@@ -323,7 +327,7 @@ def _settle(
             finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed, noises[0])
         )
     findings, note = one_for_many(full, noises[0], terms, found.fit.amplitudes, findings, recorded, level)
-    unproved = None if findings else note_of_unproved(full, noises[0], offered)
+    unproved = None if findings else note_of_unproved(whole, noises[0], offered)
     answer.notes += [n for n in (note, unproved) if n is not None]
     answer.notes += uneven_inputs(parts, full.axis) if full.base_names else []
     series = []

@@ -67,6 +67,7 @@ class Answer:
 
     simulated : by the name of a term that the simulation contains, that term as it is there
     unproved : where no term stands, those that were likely, and that too few blocks of rows speak for
+    few_seconds : whether the terms are shown by pieces of a few blocks (`pido.diagnosis.seldom`)
     """
 
     axis: str
@@ -80,6 +81,7 @@ class Answer:
     noise: Noise | None = None
     notes: list[str] = field(default_factory=list)
     unproved: list[Term] = field(default_factory=list)
+    few_seconds: bool = False
 
 
 def candidates(

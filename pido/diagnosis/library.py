@@ -8,6 +8,7 @@ extended BIC (Chen and Chen 2008) charges a mechanism for the number of shapes t
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -82,6 +83,12 @@ class Library:
         self.ground: Ground | None = None
         self.nameless: tuple[Noise, list[Score]] | None = None
         self.take(terms)
+
+    def on(self, mismatch: Mismatch) -> Library:
+        """The same rows, counted in other blocks."""
+        other = copy.copy(self)
+        other.mismatch = mismatch
+        return other
 
     def take(self, terms: Sequence[Term]) -> None:
         """Take in more terms; all are to be whitened then."""

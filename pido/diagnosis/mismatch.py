@@ -47,6 +47,7 @@ class Mismatch:
     stride : rows of the recording that one row here stands for
     before_moving : (n,), A – the target before the simulation was moved in time, where it was
     fine : per part the time, s, and the simulated current, A, of the rows that were averaged, where they were
+    left_out : (n,) – what is left out together, where that is not the part
     """
 
     axis: str
@@ -63,6 +64,7 @@ class Mismatch:
     stride: int = 1
     before_moving: Float1D | None = None
     fine: tuple[tuple[Float1D, Float1D], ...] = ()
+    left_out: Int1D | None = None
 
     @property
     def n(self) -> int:
@@ -92,12 +94,16 @@ class Mismatch:
     @property
     def fold(self) -> Int1D:
         """(n,) – what is left out together: the part, or a fifth of the record in time where there are few parts."""
+        if self.left_out is not None:
+            return self.left_out
         if len(self.states) >= FEW_PARTS:
             return self.part
         return np.minimum(4, 5 * np.arange(self.n) // max(1, self.n))
 
     @property
     def scheme(self) -> str:
+        if self.left_out is not None:
+            return "leave-one-block-out"
         return "leave-one-part-out" if len(self.states) >= FEW_PARTS else "leave-one-block-out (fewer than 3 parts)"
 
     def with_target(self, target: Float1D) -> Mismatch:

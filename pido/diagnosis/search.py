@@ -47,6 +47,7 @@ from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.pulses import repeating
 from pido.diagnosis.quantities import QUANTITIES
+from pido.diagnosis.seldom import of_few_seconds
 from pido.diagnosis.select import shortlist_of
 from pido.diagnosis.terms import Component, Term, fit, solve, without
 from pido.diagnosis.unnamed import best_nameless, with_unknown
@@ -173,6 +174,11 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
                 terms = _retried(library, noise, law, terms, answer, questions)
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
         terms = _retried(library, noise, wider, terms, answer, questions)
+    if not terms:
+        trial = Answer(mismatch.axis)
+        library, kept = of_few_seconds(library, noise, offered, trial, questions)
+        answer.few_seconds = bool(kept)
+        terms = _taken(answer, trial, kept) if kept else terms
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
     # One that takes the place of several is asked once more for likelier ones.
     for better in (likelier, fewest, likelier, plainest):
