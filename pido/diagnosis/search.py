@@ -45,6 +45,7 @@ from pido.diagnosis.library import Library, basis, plausible
 from pido.diagnosis.loop import lag_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.one_law import one_law
 from pido.diagnosis.pulses import repeating
 from pido.diagnosis.quantities import QUANTITIES
 from pido.diagnosis.seldom import of_few_seconds
@@ -181,7 +182,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
         terms = _taken(answer, trial, kept) if kept else terms
     # Where two mechanisms shared one effect, the one that stayed need not be the likelier; nor its form the plainest.
     # One that takes the place of several is asked once more for likelier ones.
-    for better in (likelier, fewest, likelier, plainest):
+    for better in (likelier, fewest, likelier, plainest, one_law):
         terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
     terms = _renamed(library, noise, repeating(mismatch, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
