@@ -52,4 +52,5 @@ def test_what_acts_everywhere_is_left_as_it_is():
     _, library = asked((1.0, 1.0))
     friction = next(t for t in library.terms if t.name == "coulomb_friction")
     terms = [friction, Term(next(m for m in MECHANISMS if m.id == "viscous_friction"), gates=THERE)]
+    assert library.noise is not None
     assert one_law(library, library.noise, terms) == terms
