@@ -40,6 +40,8 @@ _WORSE = 0.15  # of the error on unseen folds, by which one law for several may 
 _MISSED = 0.25  # of what several laws remove where one of them acts: one law that lacks more there does not say it
 # What turns with the motion: where it turns, the form of one may lack any share of what another mends.
 _OF_TURNS = AT_STOPS | {"coulomb_friction", "friction_asymmetry"}
+_ENDS = (0.01, 0.99)  # of the places at which a friction acts
+_ALIKE = 2.0  # BIC by which a plainer form may be less likely
 _WAY = 0.1  # mm, over which Coulomb's friction may turn; what takes longer, and no loop explains, is presliding
 _LATE_S = (0.005, 0.01, 0.02, 0.04, 0.08)  # s, by which the loop of a drive may answer
 _SAME_FORM, _SAME_LAW = 0.05, 0.1  # rms by which two forms, and two laws, may differ in a box, of one of them
@@ -53,6 +55,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     own, or nearly all of it is held at standstill, they are two findings.
     """
     out = _without_drift(library, _without_places(library, list(terms)))
+    out = _bent_for_long_waves(library, noise, out)
     out = _without_limits(library.mismatch, [_friction_in_a_cut(library, t, out) for t in out])
     out = _without_whole_presliding(library, out)
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
@@ -80,10 +83,29 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
                 plainer = out[i].with_shape(**{p.name: value})
                 trial = [*out[:i], plainer, *out[i + 1 :]]
                 same = bool(out[i].gates) and _is_same(library, plainer, out[i])
-                if same or (np.any(library.columns(plainer)) and basis(library, noise, trial).bic < whole + 2.0):
+                if same or (np.any(library.columns(plainer)) and basis(library, noise, trial).bic < whole + _ALIKE):
                     out = trial
                     break
     return out
+
+
+def _bent_for_long_waves(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
+    """`terms` with a slope and a bend for each wave along the travel that is longer than the way on which it acts,
+    where they are as likely: of a wave of which a part is seen, neither length nor heights are known."""
+    for i, term in enumerate(terms):
+        if term.mechanism.id != "position_dependent_friction" or dict(term.shape)["form"] not in (0, 3):
+            continue
+        acts = acting(library.mismatch, np.abs(library.columns(term)).sum(axis=0))
+        places = np.concatenate([np.zeros(len(s.time)) if s.pos is None else s.pos for s in library.mismatch.states])
+        low, high = np.quantile(places[acts], _ENDS) if acts.any() else (0.0, 0.0)
+        if not 0 < high - low < dict(term.shape)["L"]:
+            continue
+        form = 1.0 + dict(term.shape)["form"]
+        bent = term.with_shape(form=form, L=float(high - low) / 2, p_0=float(low + high) / 2)
+        trial = [*terms[:i], bent, *terms[i + 1 :]]
+        if basis(library, noise, trial).bic < basis(library, noise, terms).bic + _ALIKE:
+            terms = trial
+    return terms
 
 
 def _friction_in_a_cut(library: Library, term: Term, terms: Sequence[Term]) -> Term:
