@@ -60,6 +60,7 @@ _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term
 # Of a simulated weight: a constant that is less of it is the sensor's. Zeros of current sensors are good to a percent
 # of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
 _ZERO = 0.02
+_AS_LIKELY = 6.0  # BIC, within which a law of the catalogue is as likely as one without a name
 _BENDS = 12.0  # BIC by which a saturation in a box must beat a factor on the current: it has a knee there
 _QUANTITY = {  # that laws with one sign only are in proportion to, and how
     "inertia": ("a_{}", "u"),
@@ -240,7 +241,7 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
     joint = fit(library.mismatch, noise, terms)
     coulomb = "miscalibrated:coulomb_friction"
     out = []
-    for term, amplitudes in zip(terms, joint.amplitudes, strict=True):
+    for i, (term, amplitudes) in enumerate(zip(terms, joint.amplitudes, strict=True)):
         part = inside.get(term.mechanism.id)
         if part is not None and term.name != term.mechanism.id:
             effect = (amplitudes @ term.columns(library.mismatch.states))[library.mismatch.usable]
@@ -252,12 +253,21 @@ def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapp
             if new and plausible(term.mechanism, library.polarity * amplitudes, np.zeros(len(amplitudes))):
                 term = replace(term, name=term.mechanism.id)
             elif term.gates and term.mechanism.id in _QUANTITY:
-                term = _less_of_it(term, library.mismatch.axis)
+                term = another_law(library, noise, terms, i) or _less_of_it(term, library.mismatch.axis)
             elif is_whole_presliding(term) and coulomb not in {t.name for t in terms}:
                 inner = "coulomb_friction" in inside or is_whole_presliding(part.term)
                 term = replace(term, name=coulomb) if inner else term
         out.append(term)
     return _without_knees(library, noise, out)
+
+
+def another_law(library: Library, noise: Noise, terms: Sequence[Term], i: int) -> Term | None:
+    """A law that the simulation lacks and that cannot be told from one that takes back some of a law that it has, in
+    the box of this one: where an axis goes one way only, its friction is a constant like any other."""
+    for rival in rivals_of(library, noise, terms, i):
+        if rival.term.gates == terms[i].gates and rival.name == rival.term.mechanism.id != "unknown":
+            return rival.term if rival.delta_bic < _AS_LIKELY else None
+    return None
 
 
 def _less_of_it(term: Term, axis: str) -> Term:

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pido.diagnosis.gates import Gate
+from pido.diagnosis.gates import Gate, inside
 from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.one_law import one_law
+from pido.diagnosis.search import another_law
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.terms import Term
 from tests.diagnosis.planted import planted
@@ -46,6 +47,20 @@ def test_one_number_in_both_is_one_law():
 def test_two_numbers_are_two_laws(sizes):
     out, _ = asked(sizes)
     assert [t.name for t in out] == ["axis_coupling"] * 2
+
+
+@pytest.mark.parametrize(("box", "law"), [(THERE, "axis_coupling"), (THERE[1:], None)])
+def test_less_of_a_law_is_another_one_where_a_box_does_not_tell_them_apart(box, law):
+    """Where x goes one way only, less friction is what the other axis gives it; both ways it is not."""
+    library, noise = planted(lambda s: -np.sign(s.v) * np.all([inside(s, (g,)) > 0 for g in box], axis=0))
+    less = "miscalibrated:coulomb_friction"
+    shapes = {m.id: grid_terms(m, library.mismatch.states, m.id) for m in MECHANISMS}
+    shapes["coulomb_friction"] = [replace(t, name=less) for t in shapes["coulomb_friction"]]
+    library = Library(library.mismatch, [t for group in shapes.values() for t in group], frozenset({less}))
+    library.whiten(noise)
+    term = replace(shapes["coulomb_friction"][0], gates=box)
+    found = another_law(library, noise, [term], 0)
+    assert (None if found is None else found.name) == law
 
 
 def test_what_acts_everywhere_is_left_as_it_is():
