@@ -3,7 +3,7 @@
 In:  one axis on every row, the terms, the noise.
 Out: amplitudes of the joint fit and, per term, a value with its 95 % interval for every parameter.
 A shape parameter enters as the derivative of its term's effect, so that an amplitude's interval knows that the shape is
-not known exactly either.
+not known exactly either; and that of a law behind a drive's loop, that the form of this loop is not.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pido.diagnosis.whiten import Noise
 
 FORM = 0.02
 """Of an amplitude, to either side: no textbook form is a machine's to better than that, however many samples say so."""
+_FORM_OF_LOOP = 0.5  # of what an amplitude differs between a first order lag and a delay of the same time
 _STEP = 0.02  # relative, of a shape parameter
 LAG = "lag"
 _NORMAL_95 = 1.96
@@ -76,6 +77,11 @@ def estimate(
         again, _ = solve(other.whiten(design), other.whiten(mismatch.target[None])[0])
         half = [h + abs(float(b - a)) for h, b, a in zip(half, beta, again, strict=True)]
     of_amplitudes = slice(len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns))
+    if any(t.lag for t in terms):
+        # How a drive's loop answers is known by its time only: first order and a pure delay are the ends of what it is.
+        other_loop = fit(mismatch, noise, terms, [t.columns_delayed(mismatch.states) for t in terms])
+        differ = np.abs(np.concatenate(other_loop.amplitudes) - np.concatenate(joint.amplitudes))
+        half[of_amplitudes] = [h + _FORM_OF_LOOP * d for h, d in zip(half[of_amplitudes], differ, strict=True)]
     half[of_amplitudes] = [
         max(h, FORM * abs(float(b))) for h, b in zip(half[of_amplitudes], beta[of_amplitudes], strict=True)
     ]

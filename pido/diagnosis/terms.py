@@ -18,7 +18,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
-from pido.physics.drive import answered_late
+from pido.physics.drive import answered_late, delayed
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,11 @@ class Term:
     def columns(self, states: Sequence[AxisState]) -> Float2D:
         """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""
         return np.concatenate([self.of_part(s) for s in states], axis=1)
+
+    def columns_delayed(self, states: Sequence[AxisState]) -> Float2D:
+        """The same, as late by as much, for a loop that answers in full after that time and not before."""
+        at_once = replace(self, lag=0.0)
+        return np.concatenate([delayed(at_once.of_part(s), s.time, self.lag) for s in states], axis=1)
 
     def of_part(self, state: AxisState) -> Float2D:
         """(k, n) of one part."""

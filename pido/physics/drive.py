@@ -130,6 +130,24 @@ def answered_late(values: Float2D, time: Float1D, tau: float) -> Float2D:
     return np.concatenate(late, axis=1)
 
 
+def delayed(values: Float2D, time: Float1D, by: float) -> Float2D:
+    """Signals some time late, drawn straight between samples; as in the first value after a gap until then.
+
+        y(t) = u(t - by)
+
+    values : (k, n); time : (n,), s; by : scalar >= 0, s. Returns (k, n).
+
+    >>> delayed(np.array([[0.0, 1.0, 3.0]]), np.arange(3.0), 0.5).tolist()
+    [[0.0, 0.5, 2.0]]
+    """
+    if len(time) < 2:
+        return values
+    _, first = _stretches(time)
+    stretches = np.split(np.arange(len(time)), first)
+    pieces = [[np.interp(time[i] - by, time[i], row[i]) for row in values] for i in stretches]
+    return np.concatenate([np.array(p).reshape(len(values), -1) for p in pieces], axis=1)
+
+
 def lag_matrix(time: Float1D, tau: float) -> csr_array:
     """(n, n), sparse: `answered_late(values, time, tau)` is `values @ lag_matrix(time, tau).T` but for a hundredth, for
     values that begin every stretch at zero.
