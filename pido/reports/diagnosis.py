@@ -7,6 +7,7 @@ Out: a Page: the verdict in one sentence; recorded, simulated and corrected sign
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -56,6 +57,17 @@ WHAT_DIFFERS = {
     "spindle_inertia": "first what is clamped in the spindle",
 }
 """Between parts that have another factor of a coefficient each."""
+_ALTERNATIVES = (
+    (-NOT_TOLD_APART, NOT_TOLD_APART, "These data would also allow"),
+    (NOT_TOLD_APART, math.inf, "Explains most of it too, but clearly less well"),
+    (
+        -math.inf,
+        -NOT_TOLD_APART,
+        "Fits these rows better, and is not the finding because it takes more numbers or does less on data that it was "
+        "not fitted to",
+    ),
+)
+"""Least and most difference in BIC of an alternative, and what is said of it."""
 MOST_PARTS = 20
 """Parts whose own factor of a coefficient is told; all stand in details.json."""
 MOST_TIMES = 24
@@ -227,14 +239,11 @@ def _finding(f: Finding, diagnosis: Diagnosis, blocks: int, pictured: bool) -> S
             )
     if f.replaces:
         lines.append(f"It takes the place of: {', '.join(f.replaces)}. Do not add the same physics twice.")
-    for close, says in (
-        (True, "These data would also allow"),
-        (False, "Explains most of it too, but clearly less well"),
-    ):
+    for least, most, says in _ALTERNATIVES:
         names = [
             f"{in_words(a.mechanism)} (ΔBIC {number(a.delta_bic)})"
             for a in f.alternatives
-            if (a.delta_bic < NOT_TOLD_APART) == close
+            if least <= a.delta_bic < most
         ]
         if names:
             lines.append(f"{says}: {', '.join(names)}.")

@@ -165,6 +165,15 @@ def test_only_what_is_nearly_as_likely_is_called_possible_and_asks_for_a_recordi
     assert "clearly less well: a transient after each reversal" in html
 
 
+def test_what_fits_better_and_is_not_the_finding_is_told_why():
+    diagnosis, recording = _diagnosis()
+    (finding,) = diagnosis.findings
+    finding = replace(finding, alternatives=(Alternative("backlash", -310.0, "reversals with pauses"),))
+    html = render(diagnosis_page(replace(diagnosis, findings=(finding,)), [recording]))
+    assert "also allow" not in html
+    assert "Fits these rows better, and is not the finding because it takes more numbers or does less on data" in html
+
+
 def test_without_a_finding_the_signals_are_shown_all_the_same():
     recording = _recording()
     zero = np.zeros(len(recording))
