@@ -324,7 +324,7 @@ def _settle(
         effect = found.fit.amplitudes[i] @ term.columns(full.states)
         swallowed = _replaced(full, alone.base, fit(full, noises[0], [term]).base)
         findings.append(
-            finding_of(full, answer, i, found.parameters[i], effect, level, proofs[i], swallowed, noises[0])
+            finding_of(whole, answer, i, found.parameters[i], effect, level, proofs[i], swallowed, noises[0])
         )
     findings, note = one_for_many(full, noises[0], terms, found.fit.amplitudes, findings, recorded, level)
     unproved = None if findings else note_of_unproved(whole, noises[0], offered)

@@ -176,7 +176,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
                 terms = _retried(library, noise, law, terms, answer, questions)
         wider, _ = with_unknown(library, noise, terms, int(rng.integers(2**31)))
         terms = _retried(library, noise, wider, terms, answer, questions)
-    if not terms:
+    if all(forces_among([t]) for t in terms):
         trial = Answer(mismatch.axis)
         library, kept = of_few_seconds(library, noise, offered, trial, questions)
         answer.few_seconds = bool(kept)

@@ -1,6 +1,6 @@
 """What only a few seconds of all recordings show: they are cut into pieces, by which it can be judged.
 
-In:  one axis of all parts on which nothing stands, and the laws that are likely.
+In:  one axis of all parts on which nothing stands, or forces over intervals alone, and the laws that are likely.
 Out: the likeliest of them, where it stands by pieces of these seconds and says more than a force would; the same axis
      with their blocks in pieces, each an observation, left out in turn.
 Blocks as long as those of all recordings are one or two observations here, which prove nothing. The pieces are shorter
@@ -10,6 +10,7 @@ others. What is shown by seconds of one part is shown for these: it is said of e
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,6 +20,7 @@ from pido.core.arrays import Float1D, Int1D
 from pido.diagnosis.identify import LEAST_GAIN, Answer, confirm, next_in_time
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.regions import within_same_limits
 from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.whiten import Noise
 
@@ -34,9 +36,14 @@ _NOT_AT_ONCE = frozenset({"unknown", "external_force", "thermal_drift", "tool_we
 def of_few_seconds(
     library: Library, noise: Noise, offered: Sequence[Term], answer: Answer, questions: int
 ) -> tuple[Library, list[Term]]:
-    """The likeliest law of those offered, where a few seconds alone show it, it stands by their pieces, and forces over
-    intervals say clearly less; and the library in which the pieces are blocks. Its proofs go into `answer`."""
-    by_bic = {t: basis(library, noise, [t]).bic for t in offered if t.name not in _NOT_AT_ONCE}
+    """The likeliest law of those offered, or in their boxes, where a few seconds alone show it, it stands by their
+    pieces, and forces over intervals say clearly less; and the library in which the pieces are blocks.
+
+    answer : into which its proofs go
+    """
+    boxed = [_in_its_box(library, noise, t) for t in offered if t.gates]
+    laws = [t for t in itertools.chain(offered, *boxed) if t.name not in _NOT_AT_ONCE]
+    by_bic = {t: basis(library, noise, [t]).bic for t in laws}
     best = min(by_bic, key=lambda t: by_bic[t], default=None)
     pieces = None if best is None else in_pieces(library.mismatch, noise, [best])
     if best is None or pieces is None:
@@ -47,6 +54,11 @@ def of_few_seconds(
     fine = library.on(pieces)
     kept = confirm(fine, noise, [best], answer, questions)
     return (fine, kept) if kept else (library, [])
+
+
+def _in_its_box(library: Library, noise: Noise, term: Term) -> list[Term]:
+    """The laws that are likely in the box of a term, which may be one of those that no few seconds can show."""
+    return [s.term for s in within_same_limits(library, basis(library, noise, []), term, _NOT_AT_ONCE)]
 
 
 def blocks_of(mismatch: Mismatch, effect: Float1D) -> Int1D | None:

@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pido.diagnosis.diagnose import diagnose
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.identify import Answer
 from pido.diagnosis.library import Library
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.seldom import blocks_of, in_pieces, of_few_seconds
 from pido.diagnosis.select import grid_terms
+from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from tests.diagnosis.planted import STEP, VISCOUS, planted
+from tests.diagnosis.planted import STEP, VISCOUS, part, planted
 
 FAST = Term(VISCOUS, gates=(Gate("v_x", low=30.0),))
 COULOMB = next(m for m in CATALOGUE if m.id == "coulomb_friction")
@@ -70,10 +72,42 @@ def test_noise_is_no_law():
     assert kept == []
 
 
+def told(effect):
+    """What a diagnosis says of three parts with a simulated friction, and an effect beside it: state -> (n,), A."""
+    rng = np.random.default_rng(1)
+    recordings = [once(k, part(k)) for k in range(3)]
+    for k, (recording, state) in enumerate(zip(recordings, axis_states(recordings, "x"), strict=True)):
+        simulated = 0.5 * np.tanh(recording["v_x"] / 0.5)
+        recorded = simulated + effect(state) + rng.normal(0, 0.05, len(simulated))
+        columns = {**recording.columns, "curr_x_sim": simulated, "curr_x": recorded}
+        recordings[k] = replace(recording, columns=columns)
+    return diagnose(recordings)
+
+
+@pytest.mark.thorough
+def test_a_diagnosis_names_a_law_of_few_seconds_and_says_how_little_shows_it():
+    (finding,) = told(lambda s: 0.004 * FAST.columns([s])[0]).findings
+    assert finding.mechanism == "viscous_friction"
+    low, high = finding.parameters["F_v"].ci95
+    assert low < 0.004 < high
+    assert "shown by a few seconds alone, most of them in part p1 from 10" in finding.where.summary
+    assert finding.to_record.startswith("the motion of part p1 from 10")
+    assert finding.fit.scheme == "leave-one-block-out"
+
+
+@pytest.mark.thorough
+def test_a_level_over_these_seconds_may_be_anything_and_is_told_as_that():
+    found = told(lambda s: 0.3 * pulse(s))
+    assert found.findings == ()
+    assert found.unproved == ("x",)
+    assert any("something is there that is more than noise" in note for note in found.notes)
+
+
 @pytest.mark.parametrize("law", ["tool_wear", "thermal_drift"])
-def test_what_changes_over_hours_is_not_asked(law):
+def test_what_changes_over_hours_gives_its_box_to_a_law_that_seconds_can_show(law):
     library, noise = planted(lambda s: FAST.columns([s])[0], strength=0.6, change=once)
-    assert of_few_seconds(library, noise, [replace(FAST, name=law)], Answer("x"), 50)[1] == []
+    (found,) = of_few_seconds(library, noise, [replace(FAST, name=law)], Answer("x"), 50)[1]
+    assert (found.name, found.gates) == ("viscous_friction", FAST.gates)
 
 
 def test_what_acts_often_is_not_cut():
