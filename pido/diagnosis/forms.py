@@ -45,7 +45,7 @@ _ALIKE = 2.0  # BIC by which a plainer form may be less likely
 _WAY = 0.1  # mm, over which Coulomb's friction may turn; what takes longer, and no loop explains, is presliding
 _LATE_S = (0.005, 0.01, 0.02, 0.04, 0.08)  # s, by which the loop of a drive may answer
 _SAME_FORM, _SAME_LAW = 0.05, 0.1  # rms by which two forms, and two laws, may differ in a box, of one of them
-_LIKELIER = 6.0  # BIC by which another mechanism in a term's place must be better to take it
+LIKELIER = 6.0  # BIC by which another law in a term's place must be better to take it; within it both are as likely
 
 
 def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
@@ -425,7 +425,7 @@ def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
         own = None if own is None else refine(library, rest, own)
         gain = 0.0 if own is None else max(0.0, basis(library, noise, out).bic - own.bic)
         rivals = [r for r in rivals_of(library, noise, out, i) if r.name != "unknown" and not _holds(r.term, term)]
-        if rivals and rivals[0].delta_bic < -_LIKELIER - gain and not _says_more(library, out, i, rivals[0].term):
+        if rivals and rivals[0].delta_bic < -LIKELIER - gain and not _says_more(library, out, i, rivals[0].term):
             out[i] = rivals[0].term
         elif own is not None and gain > 0:
             out[i] = own.term

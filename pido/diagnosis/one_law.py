@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from pido.diagnosis.forms import LIKELIER
 from pido.diagnosis.library import Library, basis
 from pido.diagnosis.regions import best_region
 from pido.diagnosis.terms import Term, fit, without
 from pido.diagnosis.whiten import Noise
 
-_AS_LIKELY = 6.0  # BIC, by which one law for both may be worse than two
-_NEARLY = 60.0  # the same, before its boxes have limits of their own
+_NEARLY = 60.0  # BIC by which one law for both may be worse than two, before its boxes have limits of their own
 _SAME_SIZE, _SURE = 0.05, 3.0  # of their mean, and standard errors of the difference, by which two sizes may differ
 
 
@@ -36,7 +36,7 @@ def one_law(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]
             best = min(equal, key=lambda t: basis(library, noise, t).bic, default=out)
             if best is not out and basis(library, noise, best).bic < basis(library, noise, out).bic + _NEARLY:
                 best = _with_own_boxes(library, noise, best, i, j)
-                if basis(library, noise, best).bic < basis(library, noise, out).bic + _AS_LIKELY:
+                if basis(library, noise, best).bic < basis(library, noise, out).bic + LIKELIER:
                     out = best
     return out
 

@@ -20,6 +20,7 @@ from pido.diagnosis.finding import Rejected
 from pido.diagnosis.forms import (
     AS_GOOD,
     CONSTANT,
+    LIKELIER,
     fewest,
     is_whole_presliding,
     is_without_mean,
@@ -60,7 +61,6 @@ _CLEARLY_OTHER = 0.2  # of the power of an effect that the simulation's own term
 # Of a simulated weight: a constant that is less of it is the sensor's. Zeros of current sensors are good to a percent
 # of their range, which is some times what the weight takes; what an axis weighs is hardly known better than that.
 _ZERO = 0.02
-_AS_LIKELY = 6.0  # BIC, within which a law of the catalogue is as likely as one without a name
 _BENDS = 12.0  # BIC by which a saturation in a box must beat a factor on the current: it has a knee there
 _QUANTITY = {  # that laws with one sign only are in proportion to, and how
     "inertia": ("a_{}", "u"),
@@ -266,7 +266,7 @@ def another_law(library: Library, noise: Noise, terms: Sequence[Term], i: int) -
     the box of this one: where an axis goes one way only, its friction is a constant like any other."""
     for rival in rivals_of(library, noise, terms, i):
         if rival.term.gates == terms[i].gates and rival.name == rival.term.mechanism.id != "unknown":
-            return rival.term if rival.delta_bic < _AS_LIKELY else None
+            return rival.term if rival.delta_bic < LIKELIER else None
     return None
 
 
