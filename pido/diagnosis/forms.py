@@ -42,6 +42,7 @@ _MISSED = 0.25  # of what several laws remove where one of them acts: one law th
 _OF_TURNS = AT_STOPS | {"coulomb_friction", "friction_asymmetry"}
 _ENDS = (0.01, 0.99)  # of the places at which a friction acts
 _ALIKE = 2.0  # BIC by which a plainer form may be less likely
+_ONE_WAY = {1.0: Gate("v", low=0.0), 2.0: Gate("v", high=0.0)}  # by the side on which an asymmetry acts
 _WAY = 0.1  # mm, over which Coulomb's friction may turn; what takes longer, and no loop explains, is presliding
 _LATE_S = (0.005, 0.01, 0.02, 0.04, 0.08)  # s, by which the loop of a drive may answer
 _SAME_FORM, _SAME_LAW = 0.05, 0.1  # rms by which two forms, and two laws, may differ in a box, of one of them
@@ -56,6 +57,7 @@ def plainest(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term
     """
     out = _without_drift(library, _without_places(library, list(terms)))
     out = _bent_for_long_waves(library, noise, out)
+    out = _viscous_one_way(library, out)
     out = _without_limits(library.mismatch, [_friction_in_a_cut(library, t, out) for t in out])
     out = _without_whole_presliding(library, out)
     standing = next((t for t in library.terms if t.mechanism.id == "standstill_friction"), None)
@@ -105,6 +107,22 @@ def _bent_for_long_waves(library: Library, noise: Noise, terms: list[Term]) -> l
         trial = [*terms[:i], bent, *terms[i + 1 :]]
         if basis(library, noise, trial).bic < basis(library, noise, terms).bic + _ALIKE:
             terms = trial
+    return terms
+
+
+def _viscous_one_way(library: Library, terms: list[Term]) -> list[Term]:
+    """`terms` with viscous friction between limits, one direction of the axis among them, for what differs between its
+    directions in a box, where that does nearly all of it: a difference in a box has a step to be one."""
+    viscous = next((t for t in library.terms if t.mechanism.id == "viscous_friction"), None)
+    if viscous is None or viscous.name in {t.name for t in terms}:
+        return terms
+    for i, term in enumerate(terms):
+        side = dict(term.shape).get("side") if term.mechanism.id == "friction_asymmetry" and term.gates else None
+        if side in _ONE_WAY:
+            gates = (*term.gates, replace(_ONE_WAY[side], variable=f"v_{library.mismatch.axis}"))
+            trial = [*terms[:i], replace(viscous, gates=gates), *terms[i + 1 :]]
+            if _lacks_little(*_left(library.mismatch, without(terms, i), trial, terms), share=MISFIT_PLAIN):
+                return trial
     return terms
 
 

@@ -97,6 +97,12 @@ LEVEL = Formula((), "–")
 """A constant, which is something only where it is confined."""
 
 
+def factor_on_current(axis: str) -> Formula:
+    """A share of the simulated current, which no name says where it is confined: a sensor's gain is the same
+    everywhere."""
+    return Formula(((f"I_{axis}", "u"),), "A")
+
+
 @dataclass(frozen=True)
 class Peak(Unnamed):
     """A current that is there only around one value of one quantity, as a resonance is.

@@ -29,7 +29,7 @@ from pido.diagnosis.boxes import (
     own_products,
     some_of,
 )
-from pido.diagnosis.formulas import LEVEL
+from pido.diagnosis.formulas import LEVEL, factor_on_current
 from pido.diagnosis.gates import EITHER_WAY, Gate
 from pido.diagnosis.library import Basis, Library, Score, of_themselves
 from pido.diagnosis.select import refine
@@ -195,8 +195,11 @@ def _scan(library: Library, current: Basis, taken: Collection[str], grid: Grid) 
         if len(rows) > 1 or _never_limits(library, term) is not None:
             yield term, _gains(library, term, grid, rows, residual, own(k, rows))
     if "unknown" not in taken:
-        level = of_unit_length(library.noise.whiten(np.ones((1, library.mismatch.n), np.float32)))
-        yield Term(LEVEL), gains_of_each(grid, level, residual, np.zeros(1), own_products(grid, level))[0]
+        laws = [LEVEL] if library.mismatch.sim is None else [LEVEL, factor_on_current(library.mismatch.axis)]
+        for term in map(Term, laws):
+            plain = library.columns(term).astype(np.float32)
+            row = of_unit_length(of_themselves(library.noise, library.noise.whiten(plain), plain))
+            yield term, gains_of_each(grid, row, residual, np.zeros(1), own_products(grid, row))[0]
 
 
 def _knows_places(term: Term) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pido.core.arrays import Float1D
+from pido.core.arrays import Float1D, Float2D
 from pido.core.columns import CURRENT, CURRENT_SIM
 from pido.core.recording import Recording
 from pido.diagnosis.consistency import rounded_to
@@ -23,6 +23,7 @@ _HARMONICS = 4
 _ROWS = 20_000  # that are compared
 _MOMENT = 20  # rows in which a mismatch hardly changes
 _EVENED_OUT = 0.55  # of a step: scatter of rounded noise of a third of one, and of the rounding of what moves beside it
+_SMALL = 0.25  # of a step, rms of a mismatch beside which it is still known where between two steps a current rests
 _WORTH = 50.0  # of 2 log likelihood: one number, on rows that are not quite independent
 
 
@@ -73,11 +74,19 @@ def rounding_of(parts: Sequence[Recording], axis: str) -> Rounding | None:
     tried = [Rounding(step, noise * step, float(recorded[rows[0]])) for noise in _NOISES]
     left = [float(np.mean((difference - each.bias(current)) ** 2)) for each in tried]
     best = int(np.argmin(left))
+    mismatch = _moments(recorded[known] - simulated[known] - tried[best].bias(simulated[known])).mean(axis=1)
+    if np.sqrt(np.mean(mismatch**2)) > _SMALL * step:
+        return None
     gain = len(rows) * np.log(float(np.mean(difference**2)) / max(left[best], 1e-300))
     return tried[best] if gain > _WORTH else None
 
 
 def _scatter(difference: Float1D) -> float:
     """A, standard deviation within a moment: a mismatch, which may look like what rounding leaves, is not in it."""
-    moments = difference[: len(difference) // _MOMENT * _MOMENT].reshape(-1, _MOMENT)
+    moments = _moments(difference)
     return float(np.median(np.std(moments, axis=1))) if len(moments) else 0.0
+
+
+def _moments(rows: Float1D) -> Float2D:
+    """(m, _MOMENT) – what is measured one moment after another."""
+    return rows[: len(rows) // _MOMENT * _MOMENT].reshape(-1, _MOMENT)

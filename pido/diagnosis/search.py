@@ -28,7 +28,7 @@ from pido.diagnosis.forms import (
     plainest,
     rivals_of,
 )
-from pido.diagnosis.formulas import Formula
+from pido.diagnosis.formulas import Formula, factor_on_current
 from pido.diagnosis.identify import (
     LEAST_GAIN,
     SIGNIFICANT_NAME,
@@ -280,12 +280,12 @@ def _less_of_it(term: Term, axis: str) -> Term:
 
 
 def _without_knees(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """`terms`, with a saturation that bends nowhere in its box as what it is there: a factor on the current, which no
-    name says. A sensor's gain is the same everywhere, and a current saturates where it is high."""
+    """`terms`, with a saturation that bends nowhere in its box as what it is there: a factor on the current. A current
+    saturates where it is high."""
     out = list(terms)
     for i, term in enumerate(terms):
         if term.mechanism.id == "current_saturation" and term.gates:
-            current = Formula(((f"I_{library.mismatch.axis}", "u"),), "A")
+            current = factor_on_current(library.mismatch.axis)
             plain = [*out[:i], replace(term, mechanism=current, shape=(), name=current.id), *out[i + 1 :]]
             (bent,), (row,) = (library.columns(t)[:, library.mismatch.usable] for t in (term, plain[i]))
             left = bent - float(row @ bent) / max(float(row @ row), 1e-300) * row

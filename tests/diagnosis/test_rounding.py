@@ -51,6 +51,10 @@ def test_a_mismatch_at_few_levels_is_no_rounding_where_noise_evens_the_steps_out
     assert rounding_of(parts, "x") is None
 
 
+def test_beside_a_mismatch_of_a_step_and_more_it_is_not_known_what_rounding_leaves():
+    assert rounding_of([part(k, effect=0.05) for k in range(3)], "x") is None
+
+
 def test_what_rounding_leaves_is_no_finding():
     diagnosis = diagnose([part(k, feeds=(0.0, 4.0, 9.0)) for k in range(4)])
     assert [f.mechanism for f in diagnosis.findings] == []

@@ -8,6 +8,7 @@ import pytest
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnoses import diagnose_into, summary
+from pido.diagnosis.diagnose import diagnose
 from pido.reports.diagnosis import diagnosis_page
 
 NOISE = 0.03
@@ -48,3 +49,13 @@ def test_what_the_simulation_does_not_have_has_no_factor(tmp_path):
     found = diagnose_into(tmp_path, list(recordings(0.0)))
     (finding,) = found.findings
     assert (finding.mechanism, finding.factor) == ("inertia", None)
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.02, False), (0.15, True)])
+def test_a_coefficient_that_is_off_by_far_less_than_the_noise_is_no_finding(share, found):
+    """No simulation is exact: 2 % of this friction is a quarter of the noise."""
+    parts = []
+    for part in recordings(1.0):
+        friction = 0.4 * np.sign(part["v_x"])
+        parts.append(Recording(part.part, {**part.columns, "curr_x_sim": part["curr_x_sim"] - share * friction}))
+    assert bool(diagnose(parts).findings) == found
