@@ -8,7 +8,7 @@ disappears in it could not be found miscalibrated either.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -62,6 +62,8 @@ _LATER = frozenset(
     }
 )
 _OWN_STATE = "coulomb_friction"
+_FALLING = "stribeck_friction"
+_CONSTANT = 0.9  # cosine of what a friction that falls with speed says and what Coulomb's does: it hardly falls
 _PLAIN = frozenset({_OWN_STATE, "viscous_friction", "inertia"})
 NOT_A_COMPONENT = frozenset(
     {
@@ -115,7 +117,7 @@ def contained(
         part = _component(library, faint, usual if term in usual else every, term)
         if part.size > least and lasting(mismatch, term) > _LASTING:
             out[term.mechanism.id] = part
-    out = _how_sure(thin, faint, out, rng)
+    out = _how_sure(thin, faint, out | _level_of(library, faint, every, out), rng)
     level_of_all = float(fit(problem, faint, every).base[0])
     weight = next((t for t in offered if t.mechanism.id == "gravity_load"), None)
     # What a simulation draws at all times on a vertical axis is the weight.
@@ -174,6 +176,32 @@ def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term
     effect = amplitudes @ library.columns(term)
     size = float(np.sqrt(np.mean(effect[library.mismatch.usable] ** 2)))
     return Component(term, amplitudes, size, np.zeros(len(amplitudes)))
+
+
+def _level_of(
+    library: Library, noise: Noise, terms: Sequence[Term], found: Mapping[str, Component]
+) -> dict[str, Component]:
+    """Coulomb's friction as it is without one that falls with speed, where that falls over all speeds that there are,
+    by more than the half.
+
+    It then stands for a friction that bends, or for a loop beyond a first order: neither is a component, and with the
+    line of a viscous friction it says nearly what Coulomb's does.
+    """
+    falling = found.get(_FALLING)
+    coulomb = next((t for t in (*terms, *library.terms) if t.name == _OWN_STATE), None)
+    if falling is None or coulomb is None:
+        return {}
+    beside = found[_OWN_STATE].amplitudes[0] / falling.amplitudes[0] if _OWN_STATE in found else 0.0
+    rows = library.mismatch.usable
+    one, other = (library.columns(t)[0, rows] for t in (falling.term, coulomb))
+    if beside > 1 or float(one @ other) < _CONSTANT * float(np.sqrt((one @ one) * (other @ other))):
+        return {}
+    return {_OWN_STATE: _component(library, noise, _with(coulomb, terms, falling.term), coulomb)}
+
+
+def _with(term: Term, terms: Sequence[Term], instead: Term) -> list[Term]:
+    """`terms` with one in place of another."""
+    return [*(t for t in terms if t.name not in (term.name, instead.name)), term]
 
 
 def _how_sure(

@@ -16,11 +16,11 @@ from pido.diagnosis.terms import Term
 from tests.diagnosis.planted import NOISE, white
 
 
-def _recordings(force):
+def _recordings(force, feeds=(0.3, 0.7, 1.8, 15.0)):
     """x goes to and fro at a few feeds, with stops; force : v -> (n,), A, which is all that is simulated."""
     for k in range(3):
         rng = np.random.default_rng(k)
-        v = np.repeat(rng.choice([0.3, 0.7, 1.8, 15.0], 100) * rng.choice([-1, 0, 1], 100), 40)
+        v = np.repeat(rng.choice(feeds, 100) * rng.choice([-1, 0, 1], 100), 40)
         v = np.convolve(v, np.ones(5) / 5, "same")
         v = np.where(np.abs(v) < 1e-9, 0.0, v)
         t = np.arange(len(v)) * 0.02
@@ -38,6 +38,25 @@ def test_a_friction_that_falls_with_speed_is_coulombs_and_stribecks(v_s, seed):
     found = contained(mismatch, CATALOGUE, white(mismatch), np.random.default_rng(seed))
     assert set(found) == {"coulomb_friction", "stribeck_friction"}
     np.testing.assert_allclose([found[i].amplitudes[0] for i in sorted(found)], [0.7, 0.48], rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        lambda v: 0.1 * v**0.8,
+        lambda v: 0.15 * v**0.6,
+        lambda v: 0.04 * v - 0.0003 * v**2,
+        lambda v: 0.3 * np.arcsinh(v / 5),
+    ],
+)
+def test_a_friction_that_bends_has_coulombs_in_its_size(more):
+    """A friction that falls over all speeds, and one that rises, say a bend as well: Coulomb's is not what those two
+    leave of it, none at all or less than nothing."""
+    bends = _recordings(lambda v: (1 + more(np.abs(v))) * np.sign(v), (0.3, 2.0, 5.0, 10.0, 20.0, 30.0, 40.0))
+    states, rng = axis_states(list(bends), "x"), np.random.default_rng(5)
+    mismatch = lay_out(states, [rng.normal(0, NOISE, len(s.time)) for s in states])
+    found = contained(mismatch, CATALOGUE, white(mismatch), np.random.default_rng(0))
+    assert 0.9 < found["coulomb_friction"].amplitudes[0] < 1.3
 
 
 def test_a_component_is_as_large_as_it_is_whichever_object_stands_for_it():

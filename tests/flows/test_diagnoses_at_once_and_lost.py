@@ -119,6 +119,7 @@ def waiting(client: object, workspace: Workspace) -> list:
     return submit.runs(client, [ownership.tag(workspace.root), submit._diagnosis_of(MACHINE)], submit.WAITING)  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough
 def test_a_second_diagnosis_of_a_machine_ends_at_once_and_the_first_asks_for_what_came_meanwhile(api, place, tmp_path):
     with offered(place) as client:
         with at_work(place, tmp_path / "first.log") as first:

@@ -122,6 +122,7 @@ def test_a_part_waits_in_the_inbox_while_the_plants_settings_are_at_fault(api, t
     assert Ledger(workspace.ledger).rejections() == []
 
 
+@pytest.mark.thorough
 def test_a_machine_that_fails_does_not_end_the_night_for_the_others(api, tmp_path):
     workspace = place(tmp_path / "plant")
     other = next(made_up(1, machine="dmc60h")).rows(slice(0, 700))
@@ -135,6 +136,7 @@ def test_a_machine_that_fails_does_not_end_the_night_for_the_others(api, tmp_pat
     assert [len(ledger.iterations(machine)) for machine in ("cmx600v", "dmc60h")] == [1, 2]
 
 
+@pytest.mark.thorough
 def test_what_a_killed_run_had_published_and_not_told_is_told_by_the_next_one(api, tmp_path):
     workspace = place(tmp_path / "plant")
     part = deliver(workspace, 1)
@@ -394,6 +396,7 @@ def test_a_run_lets_those_before_it_in_production_order_go_first_unless_they_hav
         assert not list(ends), "one that has a process is waited for, however long it takes"
 
 
+@pytest.mark.thorough
 def test_a_run_that_starts_before_that_of_an_earlier_part_takes_its_part_after_it(api, tmp_path):
     from prefect.client.orchestration import get_client
     from prefect.states import Completed, Running

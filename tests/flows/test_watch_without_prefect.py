@@ -67,6 +67,7 @@ def test_a_server_that_is_away_ends_one_look_with_what_waits(plant, tmp_path):
     assert one["reason"].startswith("Prefect cannot be reached at")
 
 
+@pytest.mark.thorough
 def test_without_a_worker_prefect_was_reached_and_the_watcher_says_so_once_and_status_says_what_waits(plant, tmp_path):
     call = [sys.executable, "-m", "pido.cli", "watch", str(plant / "inbox"), "-w", str(plant), "--prefect"]
     with prefect_server(tmp_path / "prefect"), (tmp_path / "log").open("wb") as log:

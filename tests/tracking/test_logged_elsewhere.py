@@ -62,6 +62,7 @@ def data_sets(uri: str) -> dict[str, tuple[list[str], str]]:
     return json.loads(said.stdout.splitlines()[-1])
 
 
+@pytest.mark.thorough
 def test_what_derives_is_made_anew_for_mlflow(plant, tmp_path):
     shutil.rmtree(plant / "derived")
     other = f"sqlite:///{tmp_path / 'other.db'}"
@@ -73,6 +74,7 @@ def test_what_derives_is_made_anew_for_mlflow(plant, tmp_path):
     assert all("real" in names and not left_out for names, left_out in found.values())
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_made_anew_is_left_out_and_said_so_and_holds_up_nothing(plant, tmp_path):
     shutil.rmtree(plant / "derived")
     settings = plant / "workspace.toml"
@@ -95,6 +97,7 @@ def approved(root: Path, **environment: str) -> subprocess.CompletedProcess[str]
     return pido("approve", "2", "--by", "A. Ito", "--reason", "a test", "-w", root, **environment)
 
 
+@pytest.mark.thorough
 def test_a_shell_that_points_elsewhere_is_told_where_and_makes_no_database(plant, tmp_path):
     server = f"sqlite:///{tmp_path / 'server.db'}"
     assert pido("iterate", "-w", plant, MLFLOW_TRACKING_URI=server).returncode == 0
