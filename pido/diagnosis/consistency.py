@@ -27,7 +27,7 @@ _NEGLIGIBLE = 1e-2  # of the largest values of a signal: a smaller contradiction
 _SHORT = 0.1  # of the largest accelerations: a shorter pulse may be this far from the change of speed
 _REACH = 3  # samples to either side that a filter in the control may delay or blur one signal against another
 _LATE = 1.5  # steps that a clock may be wrong by
-_COARSE_S = 0.03  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
+COARSE_S = 0.03  # speed comes and goes in less: a record with longer steps cannot contradict what it shows
 _FAR_BEYOND = 10.0  # times what one speed in a thousand differs by from its neighbours
 _QUARTER = 0.3186  # of a normal deviation, below which a quarter of all absolute values are
 _SIDES = 0.3  # of what the speed differs from an acceleration, below which the position belongs to it
@@ -85,7 +85,7 @@ def contradictions(
         _position_and_speed(out, time, step, steady, pos, v, a, suspect, turn)
         for rows in out.v.values():
             suspect |= rows
-    if a is not None and np.median(step) <= _COARSE_S:
+    if a is not None and np.median(step) <= COARSE_S:
         _speed_and_acceleration(out, time, steady, v, a, suspect, pos is not None)
     return out
 
@@ -113,7 +113,7 @@ def _position_and_speed(
     if turn is not None and _deviation(gap[use]) > turn / 20:
         return  # the angle turns too far between two samples to say anything
     rate, speed = gap / step, moved / step
-    held = [_long_runs(time, s) for s in (pos, v)]
+    held = [long_runs(time, np.diff(s) == 0) for s in (pos, v)]
     repeats = np.logical_or(*(_rows(h, len(time)) for h in held))
     # A stretch that repeats itself and contradicts the other signal says nothing about what is usual.
     doubtful = repeats[1:] & (np.abs(rate) > _FACTOR * _deviation(rate[use]))
@@ -173,9 +173,9 @@ def _position_and_speed(
                 jumps += [
                     (i + p + 1, i + q + 1, float(np.sum(gap[i + p : i + q + 1]))) for p, q in runs(way[i : j + 1])
                 ]
-        elif np.median(step) <= _COARSE_S and _has_neighbours(i, j, bad):
+        elif np.median(step) <= COARSE_S and _has_neighbours(i, j, bad):
             spike_v[i : j + 2] |= np.abs(v[i : j + 2] - _calm(v, i, j + 1)) > 0.5 * usual
-    if np.median(step) > _COARSE_S:
+    if np.median(step) > COARSE_S:
         spike_v |= _unlike_motion(speed, v, a, step, use, usual)
     jumps.sort()
     spike = np.zeros(len(time), bool)
@@ -303,7 +303,7 @@ def _speed_and_acceleration(
     use = np.r_[True, steady] & np.r_[steady, True] & ~near & seen_both
     # A difference at either end of the record is one-sided.
     use[:_EDGE] = use[-_EDGE:] = False
-    held = _long_runs(time, a)
+    held = long_runs(time, np.diff(a) == 0)
     if use.sum() < _FEWEST:
         return
     apart = use & ~(_rows(held, len(time)) & (np.abs(off) > _FACTOR * _deviation(off[use])))
@@ -472,9 +472,9 @@ def _between_samples(time: Float1D, v: Float1D, a: Float1D, first: int, last: in
     return bool(moved * told > _GOOD_PART * told**2)
 
 
-def _long_runs(time: Float1D, values: Float1D) -> list[tuple[int, int]]:
-    """Stretches that repeat a value for long."""
-    found = [(i, j + 1) for i, j in runs(np.diff(values) == 0)]
+def long_runs(time: Float1D, repeats: Bool1D) -> list[tuple[int, int]]:
+    """Stretches that repeat a value for long. repeats : (n - 1,) – steps from one sample to an equal one."""
+    found = [(i, j + 1) for i, j in runs(repeats)]
     return [(i, j) for i, j in found if time[j] - time[i] >= _FROZEN_S and j - i + 1 >= _FROZEN_ROWS]
 
 

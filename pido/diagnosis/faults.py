@@ -18,6 +18,7 @@ from pido.core.axes import AXES, LINEAR_AXES
 from pido.core.columns import ACCELERATION, CURRENT, FORCE_SIM, POSITION, VELOCITY
 from pido.core.recording import Recording
 from pido.diagnosis.consistency import FROZEN, JUMP, contradictions, runs
+from pido.diagnosis.hung import hung
 from pido.diagnosis.long_faults import long_faults
 
 # Beyond any machine tool: 5 m/s and 20 g along an axis; 150 000 1/min, reached within 10 ms, at the spindle.
@@ -25,6 +26,7 @@ _V_MOST = {"lin": 5000.0, "sp": 9.0e5}
 _A_MOST = {"lin": 2.0e5, "sp": 9.0e7}
 DISPLACED = "displaced since a jump: a counter reset"
 """Of a position: its rows are used without it, as its differences are right; those of any other fault are not used."""
+HUNG = "the encoder hangs: all its signals repeat themselves, and then the axis is elsewhere"
 _BEYOND_LOAD = 8.0  # times the load that one in a hundred loaded samples exceeds
 _FEW_LOADED = 200  # samples with a load, below which none is called extreme
 _FLAT_SHARE = 2e-3  # of the samples must lie exactly at a current's extreme to call it a limit
@@ -155,6 +157,12 @@ def _judge(recording: Recording, axis: str) -> Faults:
             out[names["v"]]["reversal that no spindle can make: a counter reset"] = reset
             wrong = wrong | reset
     apart = np.zeros(len(time), bool)
+    if pos is not None and v is not None and axis in LINEAR_AXES:
+        hangs = hung(time, pos, v, a)
+        wrong = wrong | hangs
+        for signal, values in (("pos", pos), ("v", v), ("a", a)):
+            if values is not None:
+                out[names[signal]][HUNG] = hangs
     if pos is not None and v is not None and a is not None and axis in LINEAR_AXES:
         for fault in long_faults(time, pos, v, a, wrong):
             rows = slice(fault.first, fault.last + 1)
@@ -173,7 +181,8 @@ def _judge(recording: Recording, axis: str) -> Faults:
         # A derivative beside a wrong speed is wrong as well, unless the speed stood still and the derivative did not,
         # or it was shown to be that of the position.
         if v is not None:
-            follows = _grown(wrong & ~out[names["v"]].get(FROZEN, np.zeros(len(time), bool))) & ~_grown(apart)
+            still = [out[names["v"]].get(reason, np.zeros(len(time), bool)) for reason in (FROZEN, HUNG)]
+            follows = _grown(wrong & ~still[0] & ~still[1]) & ~_grown(apart)
             own = np.logical_or.reduce([r for k, r in out[names["a"]].items()])
             out[names["a"]]["derived from a wrong speed"] = follows & reached & ~own
     return out

@@ -9,7 +9,7 @@ from pido.core.part import PartInfo
 from pido.core.recording import Recording
 from pido.diagnosis.comparable import comparable_axes
 from pido.diagnosis.datafaults import clipped, input_findings
-from pido.diagnosis.faults import clipping, displaced, faulty, input_faults
+from pido.diagnosis.faults import HUNG, clipping, displaced, faulty, input_faults
 from pido.recordings import read_recording
 
 
@@ -435,3 +435,32 @@ def test_a_note_on_an_extreme_load_says_which_where_and_what_it_may_be():
     assert "f_x_sim" not in note
     assert "plunges" in note
     assert "rapid" in note
+
+
+def hanging(noise: float, seed: int = 0) -> tuple[Recording, list[slice]]:
+    """An encoder that is noisy at rest hangs twice while its axis moves, and comes back elsewhere."""
+    clean = axis_in_motion(100.0, seed, noise)
+    rows = [slice(rows.start, rows.start + 60) for rows in while_it_moves(clean, 100.0)[:2]]
+    columns = {name: np.array(values, float) for name, values in clean.columns.items()}
+    for some in rows:
+        columns["pos_x"][some], columns["v_x"][some], columns["a_x"][some] = columns["pos_x"][some.start], 0.0, 0.0
+    return Recording(clean.part, columns), rows
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_encoder_that_hangs_is_found_where_it_hangs_and_is_right_afterwards(seed):
+    """Its signals belong together, as those of an axis at rest do; only that one is noisy here."""
+    broken, rows = hanging(0.01, seed)
+    found = input_faults(broken)
+    for column in ("pos_x", "v_x", "a_x"):
+        assert [f.reason for f in found[column]] == [HUNG, HUNG]
+        for fault, some in zip(found[column], rows, strict=True):
+            assert fault.t_start == pytest.approx(broken.time[some.start], abs=0.02)
+            assert fault.t_end == pytest.approx(broken.time[some.stop - 1], abs=0.02)
+    assert set(np.flatnonzero(faulty(broken, "x"))) == set(np.concatenate([np.arange(s.start, s.stop) for s in rows]))
+
+
+def test_where_every_standstill_is_without_noise_none_is_an_encoder_that_hangs():
+    """A counter that is set anew while its axis stands leaves the same behind."""
+    broken, _ = hanging(0.0)
+    assert HUNG not in {f.reason for faults in input_faults(broken).values() for f in faults}
