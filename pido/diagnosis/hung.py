@@ -23,6 +23,8 @@ _JUMP = 10.0  # times the way of a step, and steps of rounding, by which the pos
 def hung(time: Float1D, pos: Float1D, v: Float1D, a: Float1D | None) -> Bool1D:
     """(n,) – rows in which the encoder hangs; time, pos, v, a : (n,), s, mm, mm/s, mm/s²."""
     out = np.zeros(len(time), bool)
+    if len(time) < 2:
+        return out
     signals = [pos, v] if a is None else [pos, v, a]
     still = np.logical_and.reduce([np.diff(s) == 0 for s in signals])
     step = float(np.median(np.diff(time)))
