@@ -16,6 +16,7 @@ import numpy as np
 from pido.core.arrays import Float1D
 from pido.diagnosis.confirm import SIGNIFICANT, forces_among, less_error, no_more_error
 from pido.diagnosis.contained import contained
+from pido.diagnosis.events import Rhythm
 from pido.diagnosis.finding import Rejected
 from pido.diagnosis.forms import (
     AS_GOOD,
@@ -156,7 +157,8 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: f
         answer.notes.append(note)
     if terms != former and not isinstance(noise, Averaged):
         noise = noise_of(mismatch, noise, terms)
-    wordy, terms = terms, plainest(library, noise, _forces_alone(library, noise, terms))
+    wordy = _forces_alone(library, noise, terms)
+    terms = plainest(library, noise, wordy)
     offered, terms = terms, confirm(library, noise, terms, answer, questions)
     if len(terms) < len(offered):
         # In plain words they may not stand up beside one another where in their own they did.
@@ -218,14 +220,18 @@ def _no_better(library: Library, noise: Noise, answer: Answer) -> list[Rejected]
 
 
 def _forces_alone(library: Library, noise: Noise, terms: list[Term]) -> list[Term]:
-    """`terms` without a constant beside forces over intervals, where forces found without it do as well: those that
-    last for much of the time leave a constant as their mean, and are found too small beside it."""
-    constant = next((t for t in terms if t.mechanism.id in CONSTANT and not t.gates), None)
-    if constant is None or not forces_among(terms):
+    """`terms` without what is slow beside forces over intervals, where forces found without it do as well: those that
+    last for much of the time leave a constant as their mean, and waves and drifts for those that were not found yet."""
+    if not forces_among(terms):
         return terms
-    rest = [t for t in terms if t is not constant and not forces_among([t])]
-    trial = [*rest, *(s.term for s in next_in_time(library, noise, rest) if forces_among([s.term]))]
-    return trial if no_more_error(library.mismatch, trial, terms, AS_GOOD) else terms
+    constant = [t for t in terms if t.mechanism.id in CONSTANT and not t.gates]
+    slow = [t for t in terms if isinstance(t.mechanism, Rhythm) or (t.mechanism.id == "thermal_drift" and not t.gates)]
+    for fewer in (constant[:1], [*constant, *slow] if slow else []):
+        rest = [t for t in terms if t not in fewer and not forces_among([t])]
+        trial = [*rest, *(s.term for s in next_in_time(library, noise, rest) if forces_among([s.term]))]
+        if fewer and no_more_error(library.mismatch, trial, terms, AS_GOOD):
+            return trial
+    return terms
 
 
 def _missing(library: Library, noise: Noise, terms: Sequence[Term], inside: Mapping[str, Component]) -> list[Term]:

@@ -8,7 +8,7 @@ from pido.diagnosis.events import ExternalForce, Rhythm, find_events, find_rhyth
 from pido.diagnosis.identify import Answer, confirm, noise_of, seen_slowly, select_terms
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch, lay_out
-from pido.diagnosis.search import first_look, search
+from pido.diagnosis.search import _forces_alone, first_look, search
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
@@ -74,6 +74,28 @@ def test_forces_that_last_for_much_of_the_time_are_no_constant_beside_them():
     rng = np.random.default_rng(0)
     (force,) = search(first_look(mismatch, rng), 1, False, rng).terms
     assert force.name == "external_force"
+
+
+def test_waves_and_drifts_give_way_to_the_forces_that_they_stood_for():
+    mismatch, noise = laid_out(forced)
+    library = library_of(mismatch, noise)
+    drift = next(m for m in CATALOGUE if m.id == "thermal_drift")
+    slow = [
+        Term(Rhythm(False), (("T", 17.0),)),
+        Term(drift, (("tau", 64.0), ("clock", 1.0), ("along", 0.0), ("rises", 0.0))),
+    ]
+    some = Term(ExternalForce(tuple(f[:3] for f in FORCES[:2])))
+    (force,) = _forces_alone(library, noise, [slow[1], some, slow[0]])
+    assert isinstance(force.mechanism, ExternalForce)
+    assert len(force.mechanism.intervals) == len(FORCES)
+    assert _forces_alone(library, noise, slow) == slow
+
+
+def test_a_wave_that_is_there_beside_forces_stays():
+    wave = Term(Rhythm(False), (("T", 3.0),))
+    mismatch, noise = laid_out(lambda s: forced(s) + 0.1 * np.sin(2 * np.pi * s.time / 3.0))
+    forces = Term(ExternalForce(tuple(f[:3] for f in FORCES)))
+    assert _forces_alone(library_of(mismatch, noise), noise, [forces, wave]) == [forces, wave]
 
 
 def test_short_forces_whose_ends_are_a_few_rows_beside_the_true_ones_are_proved():
