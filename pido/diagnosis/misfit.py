@@ -9,6 +9,7 @@ mechanism of its own.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,6 +27,7 @@ from pido.diagnosis.confirm import (
     p_value,
     paired_p,
 )
+from pido.diagnosis.gates import PATH_SPEED
 from pido.diagnosis.library import Library
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, fit, solve
@@ -44,6 +46,7 @@ MISFIT, MISFIT_PLAIN = 0.04, 0.01
 _MISFIT_AT_STOPS = 0.08
 _ALONG_TRAVEL = frozenset({"torque_ripple", "position_dependent_friction"})
 AT_STOPS = frozenset({"stribeck_friction", "standstill_friction", "presliding_hysteresis", "backlash"})
+_SAME_LENGTH = 0.02  # relative, by which two waves may differ that are one
 _CANCELLED = 0.1  # of the power of the smaller of two effects: what is left where they are two halves of another one
 _TAKEN_BACK = 0.6  # of what a gain does to one mechanism of the simulation: with so much of it gone it is no gain
 _UNEVEN = 0.4  # of the size of a law, by which it may differ from part to part: it has no quite true form
@@ -109,6 +112,9 @@ def useless(library: Library, noise: Noise, terms: Sequence[Term]) -> tuple[int,
     i = _differs_by_part(mismatch, terms, effects, joint.residual)
     if i is not None:
         return i, "it has another size in every part: no law of the catalogue has"
+    i = _same_wave(mismatch.axis, terms, effects)
+    if i is not None:
+        return i, "the same wave as another finding, where the axis is fast: a drive and a sample pass less of it there"
     i = _mends_at_stops(mismatch, noise, terms)
     if i is not None:
         return i, "it hardly adds to what the others around stops and reversals remove: it mends their form"
@@ -149,6 +155,20 @@ def _seen_in_motion(mismatch: Mismatch, others: Sequence[Term], terms: Sequence[
 def _seldom(term: Term, blocks: int) -> bool:
     """Whether a law acts in so few blocks that they alone say little: the run-ups of a spindle in two short parts."""
     return term.name != "unknown" and blocks < _FEW_BLOCKS
+
+
+def _same_wave(axis: str, terms: Sequence[Term], effects: Sequence[Float1D]) -> int | None:
+    """A wave along the travel, as long as a stronger one, for some speeds without the slowest."""
+    waves = [i for i, t in enumerate(terms) if t.mechanism.id in _ALONG_TRAVEL]
+    for i, j in itertools.permutations(waves, 2):
+        length, other = (dict(terms[k].shape)["L"] for k in (i, j))
+        fast = any(
+            g.variable in (f"v_{axis}", f"|v_{axis}|", PATH_SPEED) and (g.low > 0 or g.high < 0) for g in terms[i].gates
+        )
+        weaker = float(effects[i] @ effects[i]) < float(effects[j] @ effects[j])
+        if fast and weaker and abs(length / other - 1) < _SAME_LENGTH:
+            return i
+    return None
 
 
 def _mends_at_stops(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> int | None:
