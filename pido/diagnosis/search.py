@@ -226,10 +226,12 @@ def _forces_alone(library: Library, noise: Noise, terms: list[Term]) -> list[Ter
         return terms
     constant = [t for t in terms if t.mechanism.id in CONSTANT and not t.gates]
     slow = [t for t in terms if isinstance(t.mechanism, Rhythm) or (t.mechanism.id == "thermal_drift" and not t.gates)]
-    for fewer in (constant[:1], [*constant, *slow] if slow else []):
+    for fewer in ([*constant, *slow] if slow else [], constant[:1]):
+        if not fewer:
+            continue
         rest = [t for t in terms if t not in fewer and not forces_among([t])]
         trial = [*rest, *(s.term for s in next_in_time(library, noise, rest) if forces_among([s.term]))]
-        if fewer and no_more_error(library.mismatch, trial, terms, AS_GOOD):
+        if no_more_error(library.mismatch, trial, terms, AS_GOOD):
             return trial
     return terms
 
