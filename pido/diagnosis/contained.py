@@ -196,12 +196,8 @@ def _level_of(
     one, other = (library.columns(t)[0, rows] for t in (falling.term, coulomb))
     if beside > 1 or float(one @ other) < _CONSTANT * float(np.sqrt((one @ one) * (other @ other))):
         return {}
-    return {_OWN_STATE: _component(library, noise, _with(coulomb, terms, falling.term), coulomb)}
-
-
-def _with(term: Term, terms: Sequence[Term], instead: Term) -> list[Term]:
-    """`terms` with one in place of another."""
-    return [*(t for t in terms if t.name not in (term.name, instead.name)), term]
+    others = [t for t in terms if t.name not in (_OWN_STATE, _FALLING)]
+    return {_OWN_STATE: _component(library, noise, [*others, coulomb], coulomb)}
 
 
 def _how_sure(

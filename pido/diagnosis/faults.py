@@ -181,8 +181,9 @@ def _judge(recording: Recording, axis: str) -> Faults:
         # A derivative beside a wrong speed is wrong as well, unless the speed stood still and the derivative did not,
         # or it was shown to be that of the position.
         if v is not None:
-            still = [out[names["v"]].get(reason, np.zeros(len(time), bool)) for reason in (FROZEN, HUNG)]
-            follows = _grown(wrong & ~still[0] & ~still[1]) & ~_grown(apart)
+            for reason in (FROZEN, HUNG):
+                wrong = wrong & ~out[names["v"]].get(reason, np.zeros(len(time), bool))
+            follows = _grown(wrong) & ~_grown(apart)
             own = np.logical_or.reduce([r for k, r in out[names["a"]].items()])
             out[names["a"]]["derived from a wrong speed"] = follows & reached & ~own
     return out
