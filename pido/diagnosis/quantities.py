@@ -58,6 +58,9 @@ _OF_ALL = {
         "feed per revolution of the spindle", "mm", "feed per revolution of the spindle, 0 while it stands"
     ),
     "a_n": Quantity("acceleration across the path", "mm/s²"),
+    "kappa": Quantity(
+        "curvature of the path", "1/mm", "curvature of the path in the x-y plane, positive to the left, at most 1"
+    ),
     "t_block": Quantity("time in the NC block", "s", "time in the NC block, at most 10 s"),
     "t_cut": Quantity("time in this cut", "s", "time in this cut, at most 10 s, 0 outside"),
     "uptime": Quantity("time on the machine's clock", "s", "the machine's clock"),

@@ -24,6 +24,8 @@ CLOCKS = ("uptime", "t_part")  # which tell when, not what
 NO_PLACE = ("held", "speeding", "braking", "coolant", *CLOCKS, "I_", "pos_sp")
 LONG_S = 10.0  # after which it no longer matters how long ago a block, a cut or a motion began
 _STANDS = 0.02  # mm/s along the path, and less
+_CREEPS = 1.0  # mm/s in the plane, and less: which way the path turns is then noise
+_CORNER = 1.0  # 1/mm: what turns more sharply is a corner, of which no radius is known
 _LONG_REST_S = 60.0  # after which it no longer matters how long an axis stood
 _ELSEWHERE = 0.02  # of an axis' travel, by which parts begin at different places
 
@@ -61,6 +63,7 @@ def signals(state: AxisState, names: Collection[str] | None = None) -> dict[str,
         "feed": (lambda: _feed(state), "mm/s"),
         "feed_rev": (lambda: _feed_per_revolution(state), "mm"),
         "a_n": (lambda: _across_path(state), "mm/s²"),
+        "kappa": (lambda: _curvature(state), "1/mm"),
         **{f"f_{axis}": (force, "N") for axis, force in state.forces.items()},
         "t_block": (lambda: _since_change(state.time, state.nc_line), "s"),
         "t_cut": (lambda: _since_change(state.time, state.engaged, state.engaged), "s"),
@@ -128,6 +131,17 @@ def _across_path(state: AxisState) -> Float1D | None:
     v, a = linear
     along = np.sum(v * a, axis=0) ** 2 / np.maximum(np.sum(v**2, axis=0), 1e-12)
     return np.sqrt(np.maximum(np.sum(a**2, axis=0) - along, 0.0)) * (np.sum(v**2, axis=0) > _STANDS**2)
+
+
+def _curvature(state: AxisState) -> Float1D | None:
+    """1/mm – of the path in the x-y plane, positive where it turns to the left; 0 at rest, a corner's at most 1."""
+    plane = [state if axis == state.axis else state.others.get(axis) for axis in ("x", "y")]
+    if plane[0] is None or plane[1] is None:
+        return None
+    x, y = plane
+    speed = np.hypot(x.v, y.v)
+    turns = (x.v * y.a - y.v * x.a) / np.maximum(speed, _CREEPS) ** 3
+    return np.clip(turns, -_CORNER, _CORNER) * (speed > _CREEPS)
 
 
 def _feed_per_revolution(state: AxisState) -> Float1D | None:

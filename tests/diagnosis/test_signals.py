@@ -40,6 +40,25 @@ def test_on_a_circle_all_acceleration_is_across_the_path():
     np.testing.assert_allclose(across, v * w, rtol=1e-9)
 
 
+@pytest.mark.parametrize("way_round", [1.0, -1.0])
+def test_a_circle_has_the_curvature_of_its_radius_to_its_side(way_round):
+    t = np.arange(1000) * 0.01
+    v, w = 20.0, 1.5 * way_round
+    circle = {"v_x": v * np.cos(w * t), "a_x": -v * w * np.sin(w * t)}
+    across = {"v_y": v * np.sin(w * t), "a_y": v * w * np.cos(w * t)}
+    curvature, unit = signals(state_of(**circle, **across))["kappa"]
+    assert unit == "1/mm"
+    np.testing.assert_allclose(curvature, w / v, rtol=1e-9)
+    assert "kappa" not in signals(state_of(**circle))
+
+
+def test_what_creeps_turns_to_no_side_and_a_corner_has_no_radius():
+    along, across = np.r_[np.full(50, 0.5), np.full(50, 10.0)], np.full(100, 400.0)
+    still = np.zeros(100)
+    curvature = signals(state_of(v_x=along, a_x=still, v_y=still, a_y=across), ["kappa"])["kappa"][0]
+    np.testing.assert_allclose(curvature, np.r_[np.zeros(50), np.ones(50)])
+
+
 def test_feed_per_revolution_is_none_while_the_spindle_stands():
     spindle = np.r_[np.zeros(10), np.full(90, 36_000.0)]  # 100 revolutions a second
     state = state_of(v_x=np.full(100, 3.0), v_y=np.full(100, 4.0), v_sp=spindle)
@@ -305,6 +324,11 @@ def test_a_corner_that_loads_an_axis_is_a_law_of_what_turns_the_path():
     assert isinstance(term.mechanism, Formula)
     assert term.mechanism.reads == {"a_n"}
     assert [p.unit for p in term.mechanism.amplitudes] == ["A/(mm/s²)"]
+
+
+def test_what_turns_of_the_path_do_to_the_left_and_to_the_right_is_a_law_of_its_curvature():
+    term = found_in(lambda s: np.tanh(signals(s, ["kappa"])["kappa"][0] / 0.1))
+    assert term.mechanism.reads == {"kappa"}
 
 
 def test_a_workpiece_gets_lighter_by_what_was_removed_of_it():

@@ -29,6 +29,7 @@ _SHOWS: tuple[tuple[str, str], ...] = (  # beginnings of signals' names, and wha
     ("feed_rev", "slots at three feeds per revolution with one spindle speed, and at one of them with three speeds"),
     ("feed", "straight moves along x, along y and between the two at three feeds in the air, both directions, 60 s"),
     ("a_n", "circles of 10 and 40 mm radius in the air, each at three feeds, both ways round"),
+    ("kappa", "circles of 3, 10 and 40 mm radius in the air at one feed, both ways round"),
     (
         "a_",
         "moves of 50 mm of the {a} axis at one feed with the acceleration limited to 100, 50 and 25 %, five of each",
