@@ -7,7 +7,7 @@ In:  everything that the recording knows about the state. Out: formulas in the r
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -17,6 +17,7 @@ from pido.core.arrays import Float1D, Float2D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
+from pido.diagnosis.quantities import QUANTITIES
 from pido.diagnosis.signals import CLOCKS, NO_PLACE, Known, common_signals, signals
 from pido.diagnosis.state import AxisState
 
@@ -83,6 +84,12 @@ class Formula(Unnamed):
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return np.broadcast_to(self.values(signals(state, [n for n, _ in self.factors])), len(state.time))[:, None]
+
+    def of_fewer(self) -> Iterator[Formula]:
+        """The same product without one of its factors, each in turn."""
+        for i in range(len(self.factors)):
+            factors, seen = self.factors[:i] + self.factors[i + 1 :], self.seen[:i] + self.seen[i + 1 :]
+            yield Formula(factors, unit_of([(QUANTITIES[name].unit, form) for name, form in factors]), seen)
 
     def values(self, known: Known) -> Float1D:
         """The product itself, (n,)."""

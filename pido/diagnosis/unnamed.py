@@ -26,6 +26,7 @@ from pido.diagnosis.estimate import LONGEST_LAG_S
 from pido.diagnosis.flexible import Coarse, coarse, price, structure
 from pido.diagnosis.formulas import (
     LOOKED_AT,
+    Formula,
     Peak,
     Surface,
     Unnamed,
@@ -230,7 +231,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     best = min(itertools.islice(new, _TUNED), key=lambda s: s.bic, default=None)
     if best is None:
         return []
-    curve = best
+    curve = best = of_fewer_quantities(library, noise, current, best)
     wanted: list[frozenset[str]] = []
     for term in offered:
         names = term.mechanism.reads
@@ -243,6 +244,17 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
         if found is not None and found.bic < curve.bic - _CLEARLY and not is_known(library, noise, found):
             curve = found
     return [best] if curve is best else [best, curve]
+
+
+def of_fewer_quantities(library: Library, noise: Noise, current: Basis, score: Score) -> Score:
+    """A product without the factors without which it is as likely: a sign that never turns where the rest acts."""
+    law = score.term.mechanism
+    if isinstance(law, Formula) and len(law.factors) > 1:
+        for fewer in law.of_fewer():
+            found = library.score(replace(score.term, mechanism=fewer), current)
+            if found is not None and found.bic < score.bic + _ALIKE and not is_known(library, noise, found):
+                return of_fewer_quantities(library, noise, current, found)
+    return score
 
 
 def _ground_of(library: Library, noise: Noise) -> Ground:

@@ -18,9 +18,9 @@ from pido.diagnosis.rested import Rested
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term, fit
-from pido.diagnosis.unnamed import with_unknown
+from pido.diagnosis.unnamed import of_fewer_quantities, with_unknown
 from pido.diagnosis.waves import Wave, waves
-from tests.diagnosis.planted import NOISE, VISCOUS, found_in, part, white
+from tests.diagnosis.planted import NOISE, VISCOUS, found_in, part, planted, white
 
 
 def state_of(**columns) -> AxisState:
@@ -317,6 +317,22 @@ def test_a_law_is_judged_alike_in_whatever_unit_its_quantity_is_large():
         return library.score(cube, basis(library, noise, [])).gain
 
     assert judged(1e10) == pytest.approx(judged(1.0), rel=1e-4)
+
+
+def test_a_product_has_no_factor_without_which_it_is_as_likely():
+    def loaded(k, recording):
+        turns = np.where(np.abs(recording["v_x"]) < 0.1, -1.0, 1.0)  # where the cube of the speed is nothing
+        return Recording(recording.part, {**recording.columns, "curr_x_sim": turns, "curr_y_sim": turns})
+
+    library, noise = planted(lambda s: s.v**3, change=loaded)
+    current = basis(library, noise, [])
+    cube = Formula((("v_x", "u³"),), "(mm/s)^3")
+    product = Formula((("v_x", "u³"), ("I_y", "sgn u")), "(mm/s)^3")
+    score = library.score(Term(product), current)
+    assert of_fewer_quantities(library, noise, current, score).term.mechanism == cube
+    needed = Formula((("v_x", "u²"), ("v_x", "sgn u")), "(mm/s)^2")
+    score = library.score(Term(needed), current)
+    assert of_fewer_quantities(library, noise, current, score).term.mechanism == needed
 
 
 def test_a_corner_that_loads_an_axis_is_a_law_of_what_turns_the_path():
