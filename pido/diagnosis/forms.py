@@ -16,7 +16,7 @@ import numpy as np
 from pido.core.arrays import Float1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.confirm import cross_residual, even, plain_errors
-from pido.diagnosis.formulas import LEVEL
+from pido.diagnosis.formulas import LEVEL, Unnamed
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.identify import CONFINED, LEAST_GAIN, Rival, numbers
 from pido.diagnosis.late import Lagged
@@ -416,7 +416,8 @@ def _turns_over_a_way(mismatch: Mismatch, rest: Sequence[Term], presliding: Term
 
 
 def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int) -> list[Rival]:
-    """Every other mechanism in the place of one term, the rest refitted; nearest first."""
+    """Every other mechanism in the place of one term, the rest refitted; nearest first. Of a law without a name that
+    is confined to a place, the mechanism that it is there comes before all."""
     rest = [t for i, t in enumerate(terms) if i != which]
     whole = basis(library, noise, terms)
     without = basis(library, noise, rest)
@@ -428,7 +429,11 @@ def rivals_of(library: Library, noise: Noise, terms: Sequence[Term], which: int)
     for k, score in enumerate(others[:8]):
         found = refine(library, without, score) if k < 4 else score
         out.append(Rival(found.term.name, found.bic - whole.bic, found.gain / gain, found.term))
-    return sorted(out, key=lambda r: r.delta_bic)
+    out.sort(key=lambda r: r.delta_bic)
+    law = terms[which].mechanism
+    if isinstance(law, Unnamed) and (name := law.without_limits(library.mismatch.axis)):
+        return [Rival(name, 0.0, 1.0, terms[which]), *(r for r in out if r.name != name)]
+    return out
 
 
 def likelier(library: Library, noise: Noise, terms: Sequence[Term]) -> list[Term]:

@@ -45,6 +45,10 @@ class Unnamed(Mechanism):
         """Laws of the same shape that are worth a look once this one is at its best."""
         return ()
 
+    def without_limits(self, axis: str) -> str:
+        """Identifier of the mechanism that this law of an axis would be if it acted everywhere; '' where none is."""
+        return ""
+
 
 @dataclass(frozen=True)
 class Formula(Unnamed):

@@ -32,6 +32,14 @@ _LEAST_SHARE, _MOST_SHARE = 0.005, 0.9  # of the rows of a law that are inside
 _FEWEST_VISITS, _FEWEST_PARTS = 4, 2
 _BEST = 3
 _EDGES = ("from_1", "to_1", "from_2", "to_2")
+_EVERYWHERE = {  # what a law would be that is not confined: by the quantity that it is in proportion to, and its form
+    ("", "u"): "gravity_load",
+    ("v_{}", "sgn u"): "coulomb_friction",
+    ("held_{}", "u"): "coulomb_friction",
+    ("v_{}", "u"): "viscous_friction",
+    ("v_sp", "u"): "spindle_viscous_drag",
+    ("M_sp", "u"): "spindle_torque_load",
+}
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,10 @@ class Patch(Unnamed):
         where = " and ".join(f"{place} from {low:.4g} to {high:.4g}" for place, low, high in ends)
         with_it = f"with {written(self.signal, self.form)}, " if self.signal else ""
         return f"{with_it}within {where}", tuple(f"{low:.4g} < {place} < {high:.4g}" for place, low, high in ends)
+
+    def without_limits(self, axis: str) -> str:
+        own = self.signal if axis == "sp" else self.signal.replace(f"_{axis}", "_{}")
+        return _EVERYWHERE.get((own, self.form), "")
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.reads), shape)

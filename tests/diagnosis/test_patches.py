@@ -40,15 +40,19 @@ def part(number, law):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("law", "signal"),
-    [(lambda v: 0.12 * np.sign(v), "v_y"), (lambda v: np.full(len(v), 0.12), "")],
+    ("law", "signal", "everywhere"),
+    [
+        (lambda v: 0.12 * np.sign(v), "v_y", "coulomb_friction"),
+        (lambda v: np.full(len(v), 0.12), "", "gravity_load"),
+    ],
     ids=["friction", "load"],
 )
-def test_a_law_in_a_rectangle_of_the_table_is_unknown_there_and_taken_away_from_an_unseen_part(law, signal):
+def test_a_law_in_a_rectangle_of_the_table_is_unknown_there_and_taken_away_from_an_unseen_part(law, signal, everywhere):
     made = [part(k, law) for k in range(5)]
     found = diagnose([r for r, _ in made[:-1]])
     [one] = found.findings
     assert (one.axis, one.mechanism) == ("y", "unknown")
+    assert one.alternatives[0].mechanism == everywhere
     assert one.parameters["k"].value == pytest.approx(0.12, rel=0.15)
     for name, edge in zip(("from_1", "to_1", "from_2", "to_2"), (*X, *Y), strict=True):
         assert one.parameters[name].value == pytest.approx(edge, abs=4.0)
@@ -62,6 +66,21 @@ def test_a_law_in_a_rectangle_of_the_table_is_unknown_there_and_taken_away_from_
     mismatch = correct(found.model, recording).mismatch["y"]
     assert np.mean((mismatch - effect) ** 2) < 0.2 * np.mean(effect**2)
     assert not np.any(correct(found.model, recording).mismatch["x"])
+
+
+@pytest.mark.parametrize(
+    ("axis", "signal", "form", "everywhere"),
+    [
+        ("y", "v_y", "sgn u", "coulomb_friction"),
+        ("y", "held_y", "u", "coulomb_friction"),
+        ("y", "v_y", "u", "viscous_friction"),
+        ("sp", "v_sp", "u", "spindle_viscous_drag"),
+        ("sp", "M_sp", "u", "spindle_torque_load"),
+        ("y", "v_x", "u", ""),
+    ],
+)
+def test_a_law_in_a_rectangle_knows_the_mechanism_that_it_would_be_everywhere(axis, signal, form, everywhere):
+    assert Patch(("pos_x", "pos_y"), signal, "mm/s", form).without_limits(axis) == everywhere
 
 
 @pytest.mark.thorough
