@@ -34,6 +34,7 @@ from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.patches import Patch
 from pido.diagnosis.pulses import Pulses
+from pido.diagnosis.resonant import Resonant
 from pido.diagnosis.rested import Rested
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
@@ -284,6 +285,9 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"arm": place, "of": signal, "unit": unit, "length": length, "by": by, "form": form}
         case Eased(by=by, signal=signal, form=form, unit=unit, of=of):
             own |= {"eased": by, "carries": signal, "form": form, "unit": unit, "of": of}
+        case Resonant(by=by, signal=signal, form=form, unit=unit, of=of, even=even, flat=flat):
+            own |= {"resonant": by, "carries": signal, "form": form, "unit": unit, "of": of, "even": even}
+            own |= {"flat": flat}
         case ByTool(tools=tools, signal=signal, unit=unit, form=form):
             own |= {"tools": list(tools), "carries": signal, "unit": unit, "form": form}
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
@@ -364,6 +368,9 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "arm" in own:
         later = (str(own.get(k, other)) for k, other in (("length", "mm"), ("by", "u"), ("form", "u")))
         return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), *later)
+    if "resonant" in own:
+        names = (str(own[k]) for k in ("resonant", "carries", "form", "unit", "of"))
+        return Resonant(*names, bool(own["even"]), bool(own["flat"]))
     if "eased" in own:
         return Eased(*(str(own[k]) for k in ("eased", "carries", "form", "unit", "of")))
     if "eased_lately" in own:

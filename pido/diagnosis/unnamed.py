@@ -44,6 +44,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.patches import patch_terms
 from pido.diagnosis.products import gains_by_averages
+from pido.diagnosis.resonant import resonant
 from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known
 from pido.diagnosis.terms import Term, bic, fit
@@ -288,13 +289,14 @@ def _ranked_surfaces(every: Sequence[Surface], known: Known, few: Coarse) -> lis
 
 
 def _by_gain(ground: Ground, few: Coarse) -> list[tuple[float, Term]]:
-    """Formulas, peaks, bends, arms, what is eased or differs by tool, and waves, each with what it takes away from the
-    coarse residual alone; waves also over what tells when something happens."""
+    """Formulas, peaks, bends, arms, what is eased, resounds or differs by tool, and waves, each with what it takes away
+    from the coarse residual alone; waves also over what tells when something happens."""
     axis, known = ground.mismatch.axis, ground.thin
     gains = [(gain, Term(formula)) for formula, gain in gains_by_averages(ground.formulas, known, few)]
     gains += [(gain, Term(peak, tuple(shape.items()))) for peak, shape, gain in _gains_of_peaks(ground, few)]
     gains += [(gain, Term(law)) for gain, law in (*bends(axis, known, few), *arms(axis, known, few))]
     gains += eased(axis, known, few)
+    gains += resonant(axis, known, few)
     gains += by_tool(axis, known, few, ground.mismatch.states)
     gains += waves(axis, ground.thin_seldom, few)
     return gains

@@ -31,6 +31,7 @@ from pido.diagnosis.late_arms import LaggedArm, Warped
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.models import axis_models
 from pido.diagnosis.quantities import QUANTITIES, label
+from pido.diagnosis.resonant import Resonant
 from pido.diagnosis.signals import signals
 from pido.diagnosis.state import AxisState, axis_states
 from pido.diagnosis.terms import Term
@@ -173,7 +174,7 @@ def _drawn(term: Term, amplitudes: Float1D) -> _Drawn | None:
             return _Drawn(signal, place) if place == "coolant" else _Drawn(place, signal)
         case LaggedArm(place=place, signal=signal):
             return _Drawn(place, signal)
-        case Eased(by=by, signal=signal):
+        case Eased(by=by, signal=signal) | Resonant(by=by, signal=signal):
             return _Drawn(by, signal)
         case ByTool(signal=signal):
             return _Drawn(signal, TOOL)
