@@ -369,8 +369,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         later = (str(own.get(k, other)) for k, other in (("length", "mm"), ("by", "u"), ("form", "u")))
         return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), *later)
     if "resonant" in own:
-        names = (str(own[k]) for k in ("resonant", "carries", "form", "unit", "of"))
-        return Resonant(*names, bool(own["even"]), bool(own["flat"]))
+        by, signal, form, unit, of = (str(own[k]) for k in ("resonant", "carries", "form", "unit", "of"))
+        return Resonant(by, signal, form, unit, of, bool(own["even"]), bool(own["flat"]))
     if "eased" in own:
         return Eased(*(str(own[k]) for k in ("eased", "carries", "form", "unit", "of")))
     if "eased_lately" in own:

@@ -117,9 +117,8 @@ def resonant(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
         for name, form in _carriers(axis, known):
             if name != by and not _has_a_name(axis, by, name):
                 u = FORMS[form](known[name][0])
-                own = np.bincount(at, few.weights * u**2, _CLASSES)
-                towards = np.bincount(at, few.weights * u * few.values, _CLASSES)
-                gains = _gains(peaks, own, towards)
+                sums = (few.weights * u * of for of in (u, few.values))
+                gains = _gains(peaks, *(np.bincount(at, each, _CLASSES).astype(float) for each in sums))
                 best = int(np.argmax(gains))
                 law = Resonant(by, name, form, known[name][1], known[by][1], even)
                 found.append((float(gains[best]), Term(law, tuple(zip("cb", shapes[best], strict=True)))))

@@ -135,10 +135,9 @@ def _across_path(state: AxisState) -> Float1D | None:
 
 def _curvature(state: AxisState) -> Float1D | None:
     """1/mm – of the path in the x-y plane, positive where it turns to the left; 0 at rest, a corner's at most 1."""
-    plane = [state if axis == state.axis else state.others.get(axis) for axis in ("x", "y")]
-    if plane[0] is None or plane[1] is None:
+    x, y = (state if axis == state.axis else state.others.get(axis) for axis in ("x", "y"))
+    if x is None or y is None:
         return None
-    x, y = plane
     speed = np.hypot(x.v, y.v)
     turns = (x.v * y.a - y.v * x.a) / np.maximum(speed, _CREEPS) ** 3
     return np.clip(turns, -_CORNER, _CORNER) * (speed > _CREEPS)
