@@ -26,6 +26,7 @@ LOOKED_AT = 3_000  # formulas, peaks and surfaces that are compared before one i
 _NO_FACTOR = (*CLOCKS, "pos_sp", *(f"from_{a}" for a in LINEAR_AXES))
 _NO_SURFACE = (*CLOCKS, "pos_sp")
 _SIDES = ((False, False), (True, False), (False, True))  # of a peak: on one side of zero, even, odd
+_MOST_POWER = 3  # of all factors of a product together
 _WHEN = {"speeding": "speeds up", "braking": "slows down"}
 _SIGNED = ("v", "a", "force", "force_perp")  # quantities with a side: a surface may jump where they change sign
 
@@ -89,11 +90,19 @@ class Formula(Unnamed):
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return np.broadcast_to(self.values(signals(state, [n for n, _ in self.factors])), len(state.time))[:, None]
 
+    def may_have(self, factor: tuple[str, str]) -> bool:
+        """Whether one more factor leaves it a plain product: of another quantity, and of no higher power than three."""
+        power = _POWER[factor[1]] + sum(_POWER[form] for _, form in self.factors)
+        return factor[0] not in self.reads and power <= _MOST_POWER
+
+    def times(self, factor: tuple[str, str], seen: tuple[float, float]) -> Formula:
+        """The product with one more factor. seen : range of its signal"""
+        return _product((*self.factors, factor), (*self.seen, seen))
+
     def of_fewer(self) -> Iterator[Formula]:
         """The same product without one of its factors, each in turn."""
         for i in range(len(self.factors)):
-            factors, seen = self.factors[:i] + self.factors[i + 1 :], self.seen[:i] + self.seen[i + 1 :]
-            yield Formula(factors, unit_of([(QUANTITIES[name].unit, form) for name, form in factors]), seen)
+            yield _product(self.factors[:i] + self.factors[i + 1 :], self.seen[:i] + self.seen[i + 1 :])
 
     def values(self, known: Known) -> Float1D:
         """The product itself, (n,)."""
@@ -102,6 +111,10 @@ class Formula(Unnamed):
             u = known[name][0]
             out = out * FORMS[form](np.clip(u, *self.seen[i]) if self.seen else u)
         return out
+
+
+def _product(factors: tuple[tuple[str, str], ...], seen: tuple[tuple[float, float], ...]) -> Formula:
+    return Formula(factors, unit_of([(QUANTITIES[name].unit, form) for name, form in factors]), seen)
 
 
 LEVEL = Formula((), "–")
@@ -260,7 +273,7 @@ def formulas(known: Known) -> list[Formula]:
     seen = {n: (float(v.min()), float(v.max())) for n, (v, _) in known.items()}
     out = [Formula(((n, f),), unit_of([(u, f)]), (seen[n],)) for n, f, u in plain]
     for (n1, f1, u1), (n2, f2, u2) in itertools.combinations(plain, 2):
-        if n1 != n2 and _POWER[f1] + _POWER[f2] <= 3:
+        if n1 != n2 and _POWER[f1] + _POWER[f2] <= _MOST_POWER:
             out.append(Formula(((n1, f1), (n2, f2)), unit_of([(u1, f1), (u2, f2)]), (seen[n1], seen[n2])))
     return out
 

@@ -285,9 +285,9 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"arm": place, "of": signal, "unit": unit, "length": length, "by": by, "form": form}
         case Eased(by=by, signal=signal, form=form, unit=unit, of=of):
             own |= {"eased": by, "carries": signal, "form": form, "unit": unit, "of": of}
-        case Resonant(by=by, signal=signal, form=form, unit=unit, of=of, even=even, flat=flat):
+        case Resonant(by=by, signal=signal, form=form, unit=unit, of=of, even=even, ends=ends, flat=flat):
             own |= {"resonant": by, "carries": signal, "form": form, "unit": unit, "of": of, "even": even}
-            own |= {"flat": flat}
+            own |= {"ends": list(ends), "flat": flat}
         case ByTool(tools=tools, signal=signal, unit=unit, form=form):
             own |= {"tools": list(tools), "carries": signal, "unit": unit, "form": form}
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
@@ -370,7 +370,8 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), *later)
     if "resonant" in own:
         by, signal, form, unit, of = (str(own[k]) for k in ("resonant", "carries", "form", "unit", "of"))
-        return Resonant(by, signal, form, unit, of, bool(own["even"]), bool(own["flat"]))
+        low, high = map(float, own["ends"])
+        return Resonant(by, signal, form, unit, of, bool(own["even"]), (low, high), bool(own["flat"]))
     if "eased" in own:
         return Eased(*(str(own[k]) for k in ("eased", "carries", "form", "unit", "of")))
     if "eased_lately" in own:

@@ -26,6 +26,7 @@ from pido.diagnosis.signals import Known
 from pido.diagnosis.whiten import Noise
 
 _QUICK = 12  # formulas, and arms, that are looked at more closely
+_THIRDS = 3  # products of a law with one more quantity, that are looked at more closely
 _SIGNS = 16  # random columns of signs: sizes come out to a third, which is enough to rank by
 _LEAST = 1e-6  # of the usual size of a column: a smaller one is zero nearly everywhere
 
@@ -73,26 +74,50 @@ class QuickLaws:
         return self.noise.matrix()
 
     @cached_property
+    def _columns(self) -> NDArray[np.float32]:
+        """(signs, n) – random columns of signs, whose inner products with a column are those of the whitened column."""
+        signs = np.random.default_rng(self.seed).choice([-1.0, 1.0], (_SIGNS, len(self.noise.valid)))
+        return np.array([self._back(s) for s in signs])
+
+    @cached_property
     def _signs(self) -> _Matrix:
         """(signs, factors, factors) – of every product, whitened, with random columns of signs."""
-        signs = np.random.default_rng(self.seed).choice([-1.0, 1.0], (_SIGNS, len(self.noise.valid)))
-        return np.array([self._inner(s) for s in signs])
+        return np.array([self._inner(s) for s in self._columns])
 
-    def _inner(self, whitened: Float1D) -> _Matrix:
-        """(factors, factors) – of every product, whitened, with a column that is."""
-        weights = (self._whitening.T @ whitened).astype(np.float32)
+    def _back(self, whitened: Float1D) -> NDArray[np.float32]:
+        return (self._whitening.T @ whitened).astype(np.float32)
+
+    def _inner(self, weights: NDArray[np.float32]) -> _Matrix:
+        """(factors, factors) – of every product with a column."""
         return ((self._rows * weights) @ self._rows.T).astype(float)
 
     def best(self, residual: Float1D) -> list[Formula | Arm]:
         """Those that take away most of a residual, (n,) in A."""
         factors, first, second = self._factors
-        products = _Sketch(self._inner(self._whitening @ residual), self._signs)
+        products = _Sketch(self._inner(self._back(self._whitening @ residual)), self._signs)
         best = [self._offered[k] for k in _ranked(products.gains(first, second))[:_QUICK]]
         both = [pair for f in self._offered if len(f.factors) > 1 for pair in (f.factors, f.factors[::-1])]
         at = {f: i for i, f in enumerate(factors)}
         ranked = _ranked(products.gains_beside([at[u] for u, _ in both], [at[w] for _, w in both]))
         arms = (arm_of(self.axis, self.known, *both[k]) for k in ranked)
         return [*best, *itertools.islice((arm for arm in arms if arm is not None), _QUICK)]
+
+    def of_one_more(self, residual: Float1D, law: Formula) -> list[Formula]:
+        """Products of a law with one more quantity, those that take away most of a residual, (n,) in A."""
+        more = {k: f for k, f in enumerate(self._factors[0]) if f is not None and law.may_have(f)}
+        at = {f: i for i, f in enumerate(self._factors[0])}
+        product = np.prod(self._rows[[at[f] for f in law.factors]], axis=0)
+        rows = self._rows[list(more)]
+        towards = rows @ (product * self._back(self._whitening @ residual))
+        size = np.mean((rows @ (product * self._columns).T) ** 2, axis=1)
+        gains = towards**2 / np.maximum(size, _LEAST * np.median(size) + 1e-30)
+        return [
+            law.times(f, _range(self.known[f[0]][0])) for k in _ranked(gains)[:_THIRDS] for f in [[*more.values()][k]]
+        ]
+
+
+def _range(values: Float1D) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
 
 
 def _ranked(gains: Float1D) -> Int1D:

@@ -35,7 +35,7 @@ _FLAT = 1e-6  # share of the power of the peak that is left beside the law itsel
 class Resonant(Unnamed):
     """dI = (k_0 + k * exp(-((w - c) / b)^2)) * p(u) around the value c of w, of |w| where that goes either way.
 
-    unit, of : those of u and w; flat : k counts from c - b to c + b, and not beyond
+    unit, of : those of u and w; ends : within which c lies; flat : k counts from c - b to c + b, and not beyond
     """
 
     by: str
@@ -44,6 +44,7 @@ class Resonant(Unnamed):
     unit: str
     of: str
     even: bool
+    ends: tuple[float, float]
     flat: bool = False
 
     @property
@@ -88,12 +89,13 @@ class Resonant(Unnamed):
         )
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
-        c, b = shape["c"], shape["b"]
-        return (c - b, c + b) if name == "c" else (b / 2, 2 * b)
+        c, b, (low, high) = shape["c"], shape["b"], self.ends
+        return (max(low, c - b), min(high, c + b)) if name == "c" else (b / 2, 2 * b)
 
     def moved(self, shape: Mapping[str, float], by: Float1D) -> dict[str, float]:
         """The shape a step away; `by` is in widths of the peak and in powers of e."""
-        return {"c": shape["c"] + float(by[0]) * shape["b"], "b": shape["b"] * float(np.exp(np.clip(by[1], -3, 3)))}
+        c = np.clip(shape["c"] + by[0] * shape["b"], *self.ends)
+        return {"c": float(c), "b": shape["b"] * float(np.exp(np.clip(by[1], -3, 3)))}
 
     def variants(self) -> tuple[Unnamed, ...]:
         return () if self.flat else (replace(self, flat=True),)
@@ -108,7 +110,8 @@ def resonant(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
         low, high = np.quantile(w, _ENDS)
         if not low < high:
             continue
-        edges = np.linspace(w.min(), w.max(), _CLASSES + 1)
+        ends = (float(w.min()), float(w.max()))
+        edges = np.linspace(*ends, _CLASSES + 1)
         at = np.clip(np.searchsorted(edges, w, side="right") - 1, 0, _CLASSES - 1)
         middle = (edges[1:] + edges[:-1]) / 2
         centres = np.unique(np.r_[np.quantile(w, np.linspace(*_ENDS, _CENTRES)), np.linspace(low, high, _CENTRES)])
@@ -120,7 +123,7 @@ def resonant(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
                 sums = (few.weights * u * of for of in (u, few.values))
                 gains = _gains(peaks, *(np.bincount(at, each, _CLASSES).astype(float) for each in sums))
                 best = int(np.argmax(gains))
-                law = Resonant(by, name, form, known[name][1], known[by][1], even)
+                law = Resonant(by, name, form, known[name][1], known[by][1], even, ends)
                 found.append((float(gains[best]), Term(law, tuple(zip("cb", shapes[best], strict=True)))))
     return heapq.nlargest(_BEST, found, key=lambda each: each[0])
 

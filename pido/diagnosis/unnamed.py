@@ -78,6 +78,7 @@ _GOOD_SHARE = 0.1  # of a mismatch's mean square
 _FINALISTS = 12
 _OFFERED = 40  # by averages, whose quantities curves and surfaces are asked over
 _TUNED = 3
+_EXTENDED = 4  # products that are asked for with one more quantity
 _CLASSES = 1_000  # of a quantity, in which peaks are compared
 _CHARGE = 2 * np.log(LOOKED_AT)  # BIC
 _REMEMBERS = (Ringing, Behind, Rested, Transient, Latched, Switched)
@@ -226,6 +227,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     for score in sorted(scores, key=lambda s: s.bic):
         if not _at_an_edge(score.term, start):
             laws.setdefault(score.term.mechanism, score)
+    laws = _of_one_more(library, current, laws, ground, residual)
     tuned = (tune(library, current, s) for s in laws.values() if not is_known(library, noise, s))
     new = (s for s in tuned if not (is_known(library, noise, s) or _at_an_edge(s.term, start)))
     # A shape may be far from its best where it was looked at first.
@@ -245,6 +247,20 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
         if found is not None and found.bic < curve.bic - _CLEARLY and not is_known(library, noise, found):
             curve = found
     return [best] if curve is best else [best, curve]
+
+
+def _of_one_more(
+    library: Library, current: Basis, laws: dict[Mechanism, Score], ground: Ground, residual: Float1D
+) -> dict[Mechanism, Score]:
+    """`laws`, the likeliest first, and products of the best with one more quantity where that is clearly likelier."""
+    pairs = [(law, s) for law, s in laws.items() if isinstance(law, Formula) and len(law.factors) > 1 and law.seen]
+    found = dict(laws)
+    for law, score in pairs[:_EXTENDED]:
+        for more in ground.quick.of_one_more(residual, law):
+            one = library.score(replace(score.term, mechanism=more), current)
+            if one is not None and one.bic < score.bic - _CLEARLY:
+                found[more] = one
+    return dict(sorted(found.items(), key=lambda each: each[1].bic))
 
 
 def of_fewer_quantities(library: Library, noise: Noise, current: Basis, score: Score) -> Score:

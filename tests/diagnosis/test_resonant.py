@@ -70,8 +70,17 @@ def test_friction_along_its_own_travel_has_a_name_and_is_not_asked_for():
     assert resonant("x", known, few) == []
 
 
+def test_its_middle_stays_within_what_is_met_of_the_quantity():
+    term = found_in(lambda s: 1 / (1 + (s.others["y"].v / 3.0) ** 2) * s.held * s.moving, strength=4.0)
+    if isinstance(term.mechanism, Resonant):
+        assert dict(term.shape)["c"] >= 0
+    law = Resonant("v_y", "v_x", "u", "mm/s", "mm/s", even=True, ends=(0.0, 12.0))
+    assert law.moved({"c": 1.0, "b": 4.0}, np.array([-1.0, 0.0])) == {"c": 0.0, "b": 4.0}
+    assert law.around("c", {"c": 11.0, "b": 4.0}, []) == (7.0, 12.0)
+
+
 def test_it_says_where_it_is_otherwise():
-    law = Resonant("v_sp", "v_y", "sgn u", "mm/s", "deg/s", even=True)
+    law = Resonant("v_sp", "v_y", "sgn u", "mm/s", "deg/s", even=True, ends=(0.0, 1e5))
     said, _ = law.conditions("y", {"c": 82800.0, "b": 6700.0})
     assert said == "with sgn(v_y), otherwise around |v_sp| = 8.28e+04 deg/s"
     assert law.equation == "dI = (k_0 + k * exp(-((|v_sp| - c) / b)^2)) * sgn(v_y)"
