@@ -36,6 +36,7 @@ def test_an_axis_that_rings_after_each_change_of_speed():
     assert dict(term.shape)["zeta"] == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.thorough
 def test_an_axis_that_rings_after_changes_of_another():
     w, zeta = 2 * np.pi * 4.0, 0.06
     system = signal.StateSpace([[0, 1], [-w * w, -2 * zeta * w]], [[0], [1]], [[w * w, 0]], [[0]])
@@ -122,6 +123,7 @@ def test_what_a_change_of_speed_leaves_and_time_takes_back_is_one_law(only):
     assert dict(term.shape)["tau"] == pytest.approx(tau, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_a_filter_that_is_switched_on_for_a_cut_is_one_law_of_the_simulated_current():
     tau = 0.25
 

@@ -50,6 +50,7 @@ def test_several_forces_are_no_scatter_to_one_another():
     np.testing.assert_allclose([i[1:] for i in found.intervals], [f[1:3] for f in FORCES], atol=0.5)
 
 
+@pytest.mark.thorough
 def test_laws_that_forces_over_intervals_have_made_up_give_way_to_them():
     mismatch, noise = laid_out(forced)
     laws = [t for m in CATALOGUE if m.id in ("position_dependent_friction", "torque_ripple", "presliding_hysteresis")

@@ -74,6 +74,7 @@ def test_two_parts_do_not_tell():
     assert found(FACTORS[:2]) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("factors", "differ"), [(FACTORS, True), ([1.24] * 6, False)])
 def test_a_reader_is_sent_to_what_differs_between_the_parts(factors, differ, tmp_path):
     rng = np.random.default_rng(1)

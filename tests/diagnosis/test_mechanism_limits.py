@@ -243,6 +243,7 @@ def test_a_position_that_jumped_is_not_used_where_it_cannot_be_told():
     np.testing.assert_allclose(state.since_reversal[-1], axis_state(made, "x").since_reversal[-1], rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_a_ripple_with_a_third_harmonic_is_one_ripple():
     mismatch, noise = laid_out(lambda s: 0.08 * np.sin(s.pos / 2) + 0.07 * np.cos(3 * s.pos / 2))
     look = first_look(mismatch, np.random.default_rng(0))

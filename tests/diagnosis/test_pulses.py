@@ -87,6 +87,7 @@ def test_what_comes_again_is_told_proved_by_parts_and_foretold():
         correct(found.model, nowhere)
 
 
+@pytest.mark.thorough
 def test_forces_at_no_rhythm_stay_intervals():
     rng = np.random.default_rng(1)
     begins = {f"p{k}": np.sort(rng.uniform(0, 37, 3)) for k in range(3)}

@@ -68,6 +68,7 @@ def test_an_effect_beside_it_is_found_with_its_size():
     assert finding.mechanism.removeprefix("miscalibrated:") == "viscous_friction"
 
 
+@pytest.mark.thorough
 def test_what_is_said_of_the_steps_of_a_pair_is_in_its_own_words():
     parts = [part(k, feeds=(0.0, 4.0, 9.0)) for k in range(4)]
     forces = [Recording(p.part, {n.replace("curr_x", "f_x"): v for n, v in p.columns.items()}) for p in parts]

@@ -73,6 +73,7 @@ def _late_by(*offsets):
         yield Recording(recording.part, kept | {"curr_x": seen})
 
 
+@pytest.mark.thorough
 def test_parts_that_are_late_by_another_time_each_have_a_shift_of_their_own():
     offsets = (0.05, -0.03, 0.0, 0.02)
     made = list(_late_by(*offsets))
@@ -95,6 +96,7 @@ def test_parts_that_are_late_by_another_time_each_have_a_shift_of_their_own():
     assert own_shift(found.model, another) == {"x": pytest.approx(0.01, abs=2e-3)}
 
 
+@pytest.mark.thorough
 def test_a_shift_of_many_seconds_is_a_shift_and_no_physics():
     found = diagnose(list(_late_by(2.7, 2.7, 2.7)))
     (shift,) = found.findings
@@ -136,7 +138,14 @@ def test_a_strong_shift_is_not_taken_for_the_mechanism_that_imitates_it_best():
     assert abs(found.offset - 0.02) < 1e-3
 
 
-@pytest.mark.parametrize(("late", "missing"), [(0.13, 0.0), (0.25, 0.0), (0.25, 0.01)])
+@pytest.mark.parametrize(
+    ("late", "missing"),
+    [
+        pytest.param(0.13, 0.0, marks=pytest.mark.thorough),
+        pytest.param(0.25, 0.0, marks=pytest.mark.thorough),
+        (0.25, 0.01),
+    ],
+)
 def test_a_shift_in_time_is_one_finding_whatever_lies_between_the_samples(late, missing):
     def shifted(recording, rng):
         t, sim = recording.time, recording["curr_x_sim"]

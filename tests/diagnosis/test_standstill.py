@@ -40,7 +40,7 @@ def test_what_falls_with_speed_before_the_axis_moves_is_held_at_standstill(v_s, 
     assert [t.name for t in plainest(library, noise, [falls])] == [name]
 
 
-@pytest.mark.parametrize("v_0", [0.0, 0.2, 0.8, 3.0])
+@pytest.mark.parametrize("v_0", [0.0, 0.2, *(pytest.param(v, marks=pytest.mark.thorough) for v in (0.8, 3.0))])
 def test_friction_that_rises_with_the_speed_is_one_law(v_0):
     """Its sign is smooth in another form than the catalogue's."""
     mismatch, _ = laid_out(lambda s: 0.3 * s.v / np.maximum(np.hypot(s.v, v_0), 1e-9) * s.moving)

@@ -46,7 +46,12 @@ def delay_of(made):
 
 
 @pytest.mark.parametrize(
-    ("part", "at", "rows", "word"), [(2, 21.3, -5, "lost"), (1, 12.1, -20, "lost"), (3, 26.0, 5, "repeated")]
+    ("part", "at", "rows", "word"),
+    [
+        pytest.param(2, 21.3, -5, "lost", marks=pytest.mark.thorough),
+        pytest.param(1, 12.1, -20, "lost", marks=pytest.mark.thorough),
+        (3, 26.0, 5, "repeated"),
+    ],
 )
 def test_samples_lost_or_repeated_in_one_part_are_one_finding_of_that_part_from_then_on(part, at, rows, word):
     made = list(recorded(part, at, rows))
@@ -114,6 +119,7 @@ def test_a_step_stands_beside_a_shift_of_all_parts():
     assert np.std(moved.target[moved.usable]) < 1.5 * NOISE
 
 
+@pytest.mark.thorough
 def test_parts_in_time_are_not_accused_of_the_shift_of_another():
     made = list(recorded(late=(0.0, 0.0, 0.06, 0.0)))
     found = diagnose(made)
@@ -143,6 +149,7 @@ def test_a_clock_that_drifts_in_one_part_alone_is_not_told_as_lost_samples():
     assert "lost" not in shift.where.summary + shift.said + shift.to_record
 
 
+@pytest.mark.thorough
 def test_a_model_of_a_version_without_steps_is_read():
     model = diagnose(list(recorded(2, 21.3, -5))).model
     assert set(axis_models(model)["x"].steps) == {"p2"}
@@ -150,6 +157,7 @@ def test_a_model_of_a_version_without_steps_is_read():
     assert axis_models(former)["x"].steps == {}
 
 
+@pytest.mark.thorough
 def test_positions_that_jump_where_samples_are_missing_are_no_other_fault():
     """All columns of a recording lose the same samples; the simulation beside it goes on."""
     at, rows = 21.3, 15
