@@ -49,7 +49,8 @@ class Resonant(Unnamed):
 
     @property
     def shape(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        return (Parameter("c", self.of, scale="linear"), Parameter("b", self.of, low=0.0, scale="log"))
+        low, high = self.ends
+        return Parameter("c", self.of, low, high, scale="linear"), Parameter("b", self.of, low=0.0, scale="log")
 
     @property
     def reads(self) -> frozenset[str]:
