@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pido.diagnosis.confirm import even, less_error, plain_error
+from pido.diagnosis.confirm import even, less_error, no_more_error, plain_error
 from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.forms import AS_GOOD
 from pido.diagnosis.identify import LEAST_GAIN
@@ -32,9 +32,13 @@ _CLEARLY_LESS = 0.01
 def answered(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:
     """`terms` with their shapes settled, those that a drive answers behind one lag where it makes them clearly better.
 
-    Where they are behind one already, they stay so.
+    Where they are behind one already, they stay so, but for one that is too short to be seen.
     """
-    if any(t.lag for t in terms) or not any(_passes(t) for t in terms):
+    lag = max((t.lag for t in terms), default=0.0)
+    if 0 < lag < _SHORTEST * mismatch.step:
+        at_once = settle_shapes(mismatch, noise, [t.behind(0.0) for t in terms])
+        return at_once if no_more_error(mismatch, at_once, terms, AS_GOOD) else list(terms)
+    if lag or not any(_passes(t) for t in terms):
         return list(terms)
     late = settle_shapes(mismatch, noise, _behind_one(mismatch, noise, terms)[1])
     gain = fit(mismatch, noise, terms).bic - fit(mismatch, noise, late).bic - np.log(mismatch.n)

@@ -7,6 +7,7 @@ import pytest
 
 import pido.diagnosis.estimate as estimates
 from pido.diagnosis.estimate import estimate, settle_shapes
+from pido.diagnosis.loop import answered
 from pido.diagnosis.terms import Term
 from pido.physics.drive import answered_late, delayed
 from tests.diagnosis.planted import NOISE, STEP, VISCOUS, planted
@@ -62,3 +63,13 @@ def test_a_delay_holds_the_first_value_and_begins_anew_after_a_gap():
     time = np.r_[0.0, 0.1, 0.2, 5.0, 5.1]
     late = delayed(np.array([[1.0, 2.0, 3.0, 10.0, 20.0]]), time, 0.05)
     assert late[0] == pytest.approx([1.0, 1.5, 2.5, 10.0, 15.0])
+
+
+@pytest.mark.parametrize(("true_s", "found_s", "stays"), [(0.0, 0.1 * STEP, False), (TIME_S, TIME_S, True)])
+def test_a_lag_that_is_too_short_to_be_seen_is_none(true_s, found_s, stays):
+    def late(state):
+        return answered_late(state.v[None], state.time, true_s)[0] if true_s else state.v
+
+    library, noise = planted(late, strength=4.0, change=quick)
+    (term,) = answered(library.mismatch, noise, [Term(VISCOUS, lag=found_s)])
+    assert bool(term.lag) == stays
