@@ -75,7 +75,7 @@ class QuickLaws:
 
     @cached_property
     def _columns(self) -> NDArray[np.float32]:
-        """(signs, n) – random columns of signs, whose inner products with a column are those of the whitened column."""
+        """(signs, n) – random columns of signs, taken back through the whitening: what meets them is not whitened."""
         signs = np.random.default_rng(self.seed).choice([-1.0, 1.0], (_SIGNS, len(self.noise.valid)))
         return np.array([self._back(s) for s in signs])
 
@@ -104,16 +104,15 @@ class QuickLaws:
 
     def of_one_more(self, residual: Float1D, law: Formula) -> list[Formula]:
         """Products of a law with one more quantity, those that take away most of a residual, (n,) in A."""
-        more = {k: f for k, f in enumerate(self._factors[0]) if f is not None and law.may_have(f)}
-        at = {f: i for i, f in enumerate(self._factors[0])}
+        factors = self._factors[0]
+        at = {f: i for i, f in enumerate(factors)}
         product = np.prod(self._rows[[at[f] for f in law.factors]], axis=0)
-        rows = self._rows[list(more)]
-        towards = rows @ (product * self._back(self._whitening @ residual))
-        size = np.mean((rows @ (product * self._columns).T) ** 2, axis=1)
+        towards = self._rows @ (product * self._back(self._whitening @ residual))
+        size = np.mean((self._rows @ (product * self._columns).T) ** 2, axis=1)
         gains = towards**2 / np.maximum(size, _LEAST * np.median(size) + 1e-30)
-        return [
-            law.times(f, _range(self.known[f[0]][0])) for k in _ranked(gains)[:_THIRDS] for f in [[*more.values()][k]]
-        ]
+        ranked = (factors[k] for k in _ranked(gains))
+        more = (f for f in ranked if f is not None and law.may_have(f))
+        return [law.times(f, _range(self.known[f[0]][0])) for f in itertools.islice(more, _THIRDS)]
 
 
 def _range(values: Float1D) -> tuple[float, float]:

@@ -85,9 +85,8 @@ class Resonant(Unnamed):
         """(n, 2) – what each amplitude counts for, at values of the quantities."""
         u, w = FORMS[self.form](known[self.signal][0]), FORMS[side_of(self.even)](known[self.by][0])
         far = np.abs(w - shape["c"]) / shape["b"]
-        return np.column_stack(
-            [u, u * (0.5 * (1.0 - np.tanh((far - 1.0) / _EDGE)) if self.flat else np.exp(-(far**2)))]
-        )
+        peak = 0.5 * (1.0 - np.tanh((far - 1.0) / _EDGE)) if self.flat else np.exp(-(far**2))
+        return np.column_stack([u, u * peak])
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
         c, b, (low, high) = shape["c"], shape["b"], self.ends

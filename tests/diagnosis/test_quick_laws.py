@@ -15,7 +15,7 @@ from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.unnamed import best_nameless
 from pido.diagnosis.whiten import Noise
-from tests.diagnosis.planted import NOISE, VISCOUS, part
+from tests.diagnosis.planted import NOISE, VISCOUS, found_in, part
 
 MEMORY = 0.99  # correlation of the noise from row to row
 
@@ -62,3 +62,30 @@ def test_what_was_tried_beside_a_finding_is_told_with_what_it_would_bring():
     tried = {r.mechanism: r.reason for r in answer.rejected if "its BIC is" in r.reason}
     assert {"coulomb_friction", "inertia"} <= set(tried)
     assert "viscous_friction" not in tried
+
+
+def test_what_braking_takes_is_a_product_of_three_quantities():
+    def taken(state):
+        return np.sqrt(np.maximum(-state.v * state.a, 0.0)) * np.sign(state.v)
+
+    law = found_in(taken).mechanism
+    assert isinstance(law, Formula)
+    assert law.reads == {"v_x", "a_x", "braking_x"}
+    assert law.unit == "(mm/s²)^0.5·(mm/s)^0.5" or law.unit == "(mm/s)^0.5·(mm/s²)^0.5"
+
+
+def test_a_law_of_two_quantities_has_no_third():
+    law = found_in(lambda s: np.abs(s.v) * s.others["y"].v).mechanism
+    assert isinstance(law, Formula)
+    assert law.reads == {"v_x", "v_y"}
+
+
+def test_one_more_quantity_is_another_one_and_makes_no_high_power():
+    law = Formula((("v_x", "u"), ("v_y", "u")), "(mm/s)·(mm/s)", ((-1.0, 1.0), (-2.0, 2.0)))
+    assert law.may_have(("a_x", "u"))
+    assert not law.may_have(("a_x", "u²"))
+    assert not law.may_have(("v_y", "sgn u"))
+    more = law.times(("a_x", "u"), (-3.0, 3.0))
+    assert more.unit == "(mm/s)·(mm/s)·(mm/s²)"
+    assert more.seen == ((-1.0, 1.0), (-2.0, 2.0), (-3.0, 3.0))
+    assert law in more.of_fewer()
