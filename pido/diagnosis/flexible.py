@@ -16,7 +16,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
 from pido.diagnosis.confirm import p_of_mean
 from pido.diagnosis.mismatch import Mismatch
-from pido.diagnosis.signals import common_signals
+from pido.diagnosis.signals import Known, common_signals
 from pido.diagnosis.terms import bic
 from pido.diagnosis.whiten import Noise
 
@@ -28,6 +28,7 @@ _TREES: dict[str, Any] = dict(
     l2_regularization=5.0,
     early_stopping=False,
 )
+_OF_OTHERS = ("kappa",)  # speeds and accelerations say it too, and on straight lines it is the noise of both
 _MOST_ROWS = 8_000
 _FEWEST_ROWS = 200
 _FLAT = 1e-9  # of a column's power: nothing of it is left beside another
@@ -47,10 +48,17 @@ class Structure:
     p_value: float
 
 
+def _features(mismatch: Mismatch, rows: Int1D) -> Known:
+    """The signals in some rows, without what follows from others of them and is mostly noise; none of too few rows."""
+    if len(rows) < _FEWEST_ROWS:
+        return {}
+    return {name: v for name, v in common_signals(mismatch.states, rows).items() if name not in _OF_OTHERS}
+
+
 def structure(mismatch: Mismatch, residual: Float1D, noise: Noise, seed: int) -> Structure:
     """How much of `residual` a flexible model of the state predicts on unseen folds."""
     few = coarse(mismatch, residual, noise)
-    known = common_signals(mismatch.states, few.rows) if len(few.rows) >= _FEWEST_ROWS else {}
+    known = _features(mismatch, few.rows)
     if not known:
         return Structure(0.0, 0.0, 1.0)
     features = np.column_stack([v for v, _ in known.values()])
@@ -88,7 +96,7 @@ def flexible_rest(
     width = max(1, int(np.ceil(mismatch.n / _MOST_ROWS)))
     rows = np.arange(width // 2, mismatch.n, width)
     rows = rows[mismatch.usable[rows]]
-    every = common_signals(mismatch.states, rows) if len(rows) >= _FEWEST_ROWS else {}
+    every = _features(mismatch, rows)
     known = {name: v for name, v in every.items() if name not in without}
     if not known:
         return residual
