@@ -75,8 +75,8 @@ class Resonant(Unnamed):
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
         law, c, b = written(self.signal, self.form), shape["c"], shape["b"]
         if self.flat:
-            return f"with {law}, otherwise for {self._around} from {c - b:.4g} to {c + b:.4g} {self.of}", ()
-        return f"with {law}, otherwise around {self._around} = {c:.3g} {self.of}", ()
+            return f"with {law}, more or less of it for {self._around} from {c - b:.4g} to {c + b:.4g} {self.of}", ()
+        return f"with {law}, more or less of it around {self._around} = {c:.3g} {self.of}", ()
 
     def regressors(self, state: AxisState, **shape: float) -> Float2D:
         return self.over(signals(state, self.reads), shape)

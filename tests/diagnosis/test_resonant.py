@@ -39,7 +39,7 @@ def test_a_friction_that_is_less_from_one_speed_of_another_axis_to_another_ends_
     assert shape["c"] - shape["b"] == pytest.approx(4.0, abs=0.3)
     assert shape["c"] + shape["b"] == pytest.approx(9.0, abs=0.3)
     said, _ = term.mechanism.conditions("x", shape)
-    assert said.startswith("with sgn(v_x), otherwise for |v_y| from ")
+    assert said.startswith("with sgn(v_x), more or less of it for |v_y| from ")
     model = AxisModel("x", NOISE, (term,), (np.ones(2),))
     assert axis_models(as_json({"x": model}))["x"].terms == (term,)
 
@@ -82,6 +82,6 @@ def test_its_middle_stays_within_what_is_met_of_the_quantity():
 def test_it_says_where_it_is_otherwise():
     law = Resonant("v_sp", "v_y", "sgn u", "mm/s", "deg/s", even=True, ends=(0.0, 1e5))
     said, _ = law.conditions("y", {"c": 82800.0, "b": 6700.0})
-    assert said == "with sgn(v_y), otherwise around |v_sp| = 8.28e+04 deg/s"
+    assert said == "with sgn(v_y), more or less of it around |v_sp| = 8.28e+04 deg/s"
     assert law.equation == "dI = (k_0 + k * exp(-((|v_sp| - c) / b)^2)) * sgn(v_y)"
     assert Term(law, (("c", 82800.0), ("b", 6700.0))).mechanism.reads == {"v_sp", "v_y"}
