@@ -226,7 +226,7 @@ def test_a_speed_in_another_unit_is_said_and_what_was_found_stands_beside_it(mad
     assert any("mm/min" in note for note in json.loads((tmp_path / "out" / "details.json").read_text())["notes"])
 
 
-@pytest.mark.parametrize("pair", [(), ("--pair", "f_y:f_y_sim")])
+@pytest.mark.parametrize("pair", [pytest.param((), marks=pytest.mark.thorough), ("--pair", "f_y:f_y_sim")])
 def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pair, made, diagnose, tmp_path):
     """x moves wrongly in the second part; with --pair only y is compared."""
 
@@ -258,7 +258,7 @@ def test_a_wrong_input_is_told_with_its_place_and_nothing_is_claimed_of_a_fit(pa
     assert "v_x, where it is wrong first" in page
 
 
-@pytest.mark.parametrize(("sample", "start"), [(700, 14.0), (ROWS - 1, 23.96)])
+@pytest.mark.parametrize(("sample", "start"), [pytest.param(700, 14.0, marks=pytest.mark.thorough), (ROWS - 1, 23.96)])
 def test_a_single_sample_that_is_wrong_lasts_a_step(sample, start, made, diagnose, tmp_path):
     def change(columns, _):
         return columns | {"a_x": np.where(np.arange(ROWS) == sample, 9e6, columns["a_x"])}

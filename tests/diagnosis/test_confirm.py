@@ -51,7 +51,7 @@ def _noise(rng: np.random.Generator) -> np.ndarray:
     return spread * rng.normal(size=_ROWS) + 0.15 * rng.normal(size=_BLOCKS)[block]
 
 
-@pytest.mark.parametrize("parts", [1, 10])
+@pytest.mark.parametrize("parts", [1, pytest.param(10, marks=pytest.mark.thorough)])
 def test_a_95_percent_interval_holds_the_truth_in_90_to_98_of_100_repetitions(parts):
     mismatch, rng, truth = _laid_out(parts), np.random.default_rng(5), np.array([0.4, -1.2])
     held = []

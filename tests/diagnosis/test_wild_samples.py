@@ -31,8 +31,8 @@ def put(recording, column, rows, values):
     return recording.with_columns(**{column: changed})
 
 
-@pytest.mark.parametrize("column", ["curr_x", "curr_x_sim"])
-@pytest.mark.parametrize("value", [100.0, -9999.0])
+@pytest.mark.parametrize("column", ["curr_x", pytest.param("curr_x_sim", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("value", [pytest.param(100.0, marks=pytest.mark.thorough), -9999.0])
 def test_what_a_few_wrong_samples_would_hide_is_found_without_them(column, value):
     found = diagnose([moved(1), put(moved(2), column, WHERE, value), moved(3)])
     assert [(f.axis, f.mechanism) for f in found.findings] == [("x", "viscous_friction")]

@@ -48,6 +48,7 @@ def fleet() -> Fleet:
     return Fleet("made", machine("dmc60h"), {f"p{k}": part(f"p{k}", k) for k in range(4)})
 
 
+@pytest.mark.thorough
 def test_the_table_does_not_depend_on_the_number_of_workers(fleet, tmp_path):
     options = {"repeats": 2, "quick": True, "seed": 3}
     one = run_experiment("importance", fleet, folder=tmp_path / "one", **options).table

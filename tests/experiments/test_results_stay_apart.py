@@ -34,6 +34,7 @@ def test_folders_have_the_full_last_name_and_a_digest_where_two_places_share_one
     assert list(folder_names(["."]).values()) == [tmp_path.name]
 
 
+@pytest.mark.thorough
 def test_a_folder_that_holds_another_run_is_refused_and_stays_as_it_is(fleet, tmp_path):
     options = {"folder": tmp_path, "repeats": 2, "seed": 3}
     run_experiment("importance", fleet, quick=True, **options)
