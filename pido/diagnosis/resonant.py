@@ -147,9 +147,9 @@ def _gains(peaks: Float2D, own: Float1D, towards: Float1D) -> Float1D:
 
 
 def _places(known: Known) -> Iterator[tuple[str, bool]]:
-    """What may have a peak, and whether its sign does not matter."""
-    names = [f"v_{a}" for a in (*LINEAR_AXES, "sp")] + [f"pos_{a}" for a in LINEAR_AXES]
-    for name in (*names, "feed", "feed_rev", "AR", "MRR"):
+    """What may have a peak, and whether its sign does not matter. Not what limits a box: what is confined by that has
+    a name there."""
+    for name in ("v_z", "v_sp", *(f"pos_{a}" for a in LINEAR_AXES), "feed_rev"):
         if name in known:
             yield name, name.startswith("v_")
 
