@@ -1,5 +1,5 @@
 """A law without a name that is stronger, or weaker, around one value of another quantity: a friction that vibrations
-ease about one speed of the spindle, a load that a table takes up in the middle of its travel.
+ease about one speed of the spindle, a load of one range of them.
 
 In:  recorded quantities and a coarse residual. Out: `Resonant`, and the few that take away most.
 A peak by itself is a current (`Peak`); here it is how much of a motion or a load is felt. All peaks of a quantity are
@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
-from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.flexible import Coarse
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, side_of, unit_of, written
 from pido.diagnosis.mechanisms.base import Parameter
@@ -118,7 +117,7 @@ def resonant(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
         shapes = [(float(c), float(share * (high - low))) for share in _WIDTHS for c in centres]
         peaks = np.array([np.exp(-(((middle - c) / b) ** 2)) for c, b in shapes])
         for name, form in _carriers(axis, known):
-            if name != by and not _has_a_name(axis, by, name):
+            if name != by:
                 u = FORMS[form](known[name][0])
                 sums = (few.weights * u * of for of in (u, few.values))
                 gains = _gains(peaks, *(np.bincount(at, each, _CLASSES).astype(float) for each in sums))
@@ -147,9 +146,9 @@ def _gains(peaks: Float2D, own: Float1D, towards: Float1D) -> Float1D:
 
 
 def _places(known: Known) -> Iterator[tuple[str, bool]]:
-    """What may have a peak, and whether its sign does not matter. Not what limits a box: what is confined by that has
-    a name there."""
-    for name in ("v_z", "v_sp", *(f"pos_{a}" for a in LINEAR_AXES), "feed_rev"):
+    """What may have a peak, and whether its sign does not matter. Not what limits a box, for what is confined by that
+    has a name there; nor a place, which differs from part to part as much else does."""
+    for name in ("v_z", "v_sp", "feed_rev"):
         if name in known:
             yield name, name.startswith("v_")
 
@@ -159,8 +158,3 @@ def _carriers(axis: str, known: Known) -> list[tuple[str, str]]:
     own = [(f"v_{axis}", "sgn u"), (f"v_{axis}", "u"), (f"held_{axis}", "u"), (f"a_{axis}", "u"), (f"I_{axis}", "u")]
     others = [(f"f_{axis}", "u"), ("M_sp", "u"), ("feed", "u"), ("feed", "√|u|")]
     return [(name, form) for name, form in (*own, *others) if name in known]
-
-
-def _has_a_name(axis: str, by: str, name: str) -> bool:
-    """A friction that changes along its own travel."""
-    return by == f"pos_{axis}" and name in (f"v_{axis}", f"held_{axis}")

@@ -75,13 +75,6 @@ def test_what_it_takes_away_is_what_least_squares_say():
     assert gain == pytest.approx(wanted @ wanted - left @ left, rel=0.02)
 
 
-def test_friction_along_its_own_travel_has_a_name_and_is_not_asked_for():
-    rng = np.random.default_rng(4)
-    known = {"v_x": (rng.normal(0, 5, 500), "mm/s"), "pos_x": (rng.uniform(0, 100, 500), "mm")}
-    few = Coarse(np.arange(500), np.zeros(500, int), known["v_x"][0] * known["pos_x"][0], np.ones(500))
-    assert resonant("x", known, few) == []
-
-
 def test_its_middle_stays_within_what_is_met_of_the_quantity():
     law = Resonant("v_y", "v_x", "u", "mm/s", "mm/s", even=True, ends=(0.0, 12.0))
     assert law.moved({"c": 1.0, "b": 4.0}, np.array([-1.0, 0.0])) == {"c": 0.0, "b": 4.0}
