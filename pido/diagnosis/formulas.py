@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pido.core.arrays import Float1D, Float2D
+from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.mechanisms.base import Mechanism, Parameter
 from pido.diagnosis.mismatch import Mismatch
@@ -395,6 +395,13 @@ def ampere_per(unit: str) -> str:
     """
     one = unit.startswith("(") and unit.index(")") == len(unit) - 1
     return "A" if unit == "–" else f"A/{unit}" if one else f"A/({unit})"
+
+
+def in_classes(values: Float1D, count: int) -> tuple[Int1D, Float1D]:
+    """In which of `count` classes, as wide as one another, each value lies; and their middles, (count,)."""
+    edges = np.linspace(values.min(), values.max(), count + 1)
+    at = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
+    return at, (edges[1:] + edges[:-1]) / 2
 
 
 def side_of(both: bool) -> str:

@@ -18,14 +18,13 @@ from pido.core.arrays import Float1D, Float2D, Int1D
 from pido.core.axes import LINEAR_AXES
 from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, unit_of, written
 from pido.diagnosis.judge import WORTH, Judge
-from pido.diagnosis.mechanisms.base import Parameter, column
+from pido.diagnosis.mechanisms.base import Parameter, column, up_to_edge
 from pido.diagnosis.mechanisms.hard_zone import over_rectangles
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
 
-_EDGE = 0.05  # of half the width: an edge as wide lets a search move it
 _CELLS = 15  # of a grid, along each of its places
 _FINER = 2  # grids, each within a cell of the best rectangle of the one before
 _LEAST_SHARE, _MOST_SHARE = 0.005, 0.9  # of the rows of a law that are inside
@@ -90,7 +89,7 @@ class Patch(Unnamed):
         for place, (low, high) in zip(self.places, _pairs(shape), strict=True):
             half = max((high - low) / 2, 1e-9)
             far = np.abs(known[place][0] - (low + high) / 2) / half
-            out = out * 0.5 * (1.0 - np.tanh((far - 1.0) / _EDGE))
+            out = out * up_to_edge(far)
         return column(out)
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:

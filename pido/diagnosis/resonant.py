@@ -16,8 +16,8 @@ import numpy as np
 
 from pido.core.arrays import Float1D, Float2D
 from pido.diagnosis.flexible import Coarse
-from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, side_of, unit_of, written
-from pido.diagnosis.mechanisms.base import Parameter
+from pido.diagnosis.formulas import FORMS, Unnamed, ampere_per, in_classes, side_of, unit_of, written
+from pido.diagnosis.mechanisms.base import Parameter, up_to_edge
 from pido.diagnosis.signals import Known, signals
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term
@@ -26,7 +26,6 @@ _CENTRES, _CLASSES = 24, 200
 _WIDTHS = (0.02, 0.06, 0.2)  # of the range of a quantity
 _ENDS = (0.01, 0.99)  # of its values, between which a peak is looked for
 _BEST = 2  # so many numbers say a little of anything: more of them would leave no place for others
-_EDGE = 0.05  # of half the width: an edge as wide lets a search move it
 _FLAT = 1e-6  # share of the power of the peak that is left beside the law itself
 
 
@@ -84,7 +83,7 @@ class Resonant(Unnamed):
         """(n, 2) – what each amplitude counts for, at values of the quantities."""
         u, w = FORMS[self.form](known[self.signal][0]), FORMS[side_of(self.even)](known[self.by][0])
         far = np.abs(w - shape["c"]) / shape["b"]
-        peak = 0.5 * (1.0 - np.tanh((far - 1.0) / _EDGE)) if self.flat else np.exp(-(far**2))
+        peak = up_to_edge(far) if self.flat else np.exp(-(far**2))
         return np.column_stack([u, u * peak])
 
     def around(self, name: str, shape: Mapping[str, float], states: Sequence[AxisState]) -> tuple[float, float]:
@@ -110,9 +109,7 @@ def resonant(axis: str, known: Known, few: Coarse) -> list[tuple[float, Term]]:
         if not low < high:
             continue
         ends = (float(w.min()), float(w.max()))
-        edges = np.linspace(*ends, _CLASSES + 1)
-        at = np.clip(np.searchsorted(edges, w, side="right") - 1, 0, _CLASSES - 1)
-        middle = (edges[1:] + edges[:-1]) / 2
+        at, middle = in_classes(w, _CLASSES)
         centres = np.unique(np.r_[np.quantile(w, np.linspace(*_ENDS, _CENTRES)), np.linspace(low, high, _CENTRES)])
         shapes = [(float(c), float(share * (high - low))) for share in _WIDTHS for c in centres]
         peaks = np.array([np.exp(-(((middle - c) / b) ** 2)) for c, b in shapes])

@@ -31,6 +31,7 @@ from pido.diagnosis.formulas import (
     Surface,
     Unnamed,
     curve_over_current,
+    in_classes,
 )
 from pido.diagnosis.ground import Ground
 from pido.diagnosis.identify import numbers
@@ -323,11 +324,9 @@ def _gains_of_peaks(ground: Ground, few: Coarse) -> Iterator[tuple[Peak, dict[st
     for peak, group in itertools.groupby(ground.peaks, key=lambda each: each[0]):
         values, shapes = ground.thin[peak.signal][0], [shape for _, shape in group]
         side, u = peak.side(values), peak.place(values)
-        edges = np.linspace(u.min(), u.max(), _CLASSES + 1)
-        at = np.clip(np.searchsorted(edges, u, side="right") - 1, 0, _CLASSES - 1)
+        at, middle = in_classes(u, _CLASSES)
         inner = np.bincount(at, few.weights * few.values * side, _CLASSES)
         size = np.bincount(at, few.weights * side**2, _CLASSES)
-        middle = (edges[1:] + edges[:-1]) / 2
         c, w = (np.array([[shape[name]] for shape in shapes]) for name in ("c", "w"))
         rows = np.exp(-(((middle - c) / w) ** 2))
         towards, own = rows @ inner, rows**2 @ size

@@ -21,6 +21,8 @@ from pido.core.axes import AXES
 from pido.diagnosis.mechanisms.advice import recordings_against
 from pido.diagnosis.state import AxisState
 
+_EDGE = 0.05  # of half a width: an edge as wide lets a search move it, and a tool is never as sharp as a line
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -195,6 +197,12 @@ class Mechanism(ABC):
 def column(values: Float1D) -> Float2D:
     """(n,) as (n, 1)."""
     return np.asarray(values, float)[:, None]
+
+
+def up_to_edge(far: Float1D) -> Float1D:
+    """(n,) – 1 within an edge, 0 beyond. far : how far from the middle, as a multiple of where the edge is."""
+    inside: Float1D = 0.5 * (1.0 - np.tanh((far - 1.0) / _EDGE))
+    return inside
 
 
 def nothing(state: AxisState, k: int = 1) -> Float2D:

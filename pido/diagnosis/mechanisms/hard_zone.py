@@ -11,11 +11,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from pido.core.arrays import Float1D, Float2D, Int1D
-from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, which
+from pido.diagnosis.mechanisms.base import Mechanism, Parameter, choice, column, nothing, up_to_edge, which
 from pido.diagnosis.mechanisms.process import load, load_in, loaded
 from pido.diagnosis.state import AxisState
 
-_EDGE = 0.05  # of a zone's half width: an edge as wide lets a search move it, and a tool is never as sharp as a line
 _FORMS = ("disc", "box", "layer", "ball")
 _BINS = 30  # along a direction, in which places are compared
 _DEPTHS = 9  # of the middle of a ball, that are compared
@@ -58,7 +57,7 @@ class MaterialHardZone(Mechanism):
         force, place = load(state), _place(state, round(frame) == 1)
         if force is None or place is None:
             return nothing(state)
-        inside = 0.5 * (1.0 - np.tanh((np.nan_to_num(_way(place, form, **zone), nan=np.inf) - 1.0) / _EDGE))
+        inside = up_to_edge(np.nan_to_num(_way(place, form, **zone), nan=np.inf))
         return column(inside * force)
 
     def equation_in(self, axis, shape):
