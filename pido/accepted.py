@@ -183,7 +183,7 @@ def as_term(name: str, axis: str, term: Mapping[str, Any], machine: Machine) -> 
     bands = tuple(machine.dead_band(a) for a in AXES)
     alone = {"noise_level": 0.0, "delay": [0.0, 0.0], "limits": {}, "equation": None, "terms": [term]}
     model = axis_models({"axes": {axis: alone}})[axis]
-    read = replace(model.terms[0], lag=0.0)  # rows of samples do not follow one another
+    read = model.terms[0].at_once()  # rows of samples do not follow one another
     everywhere = AcceptedTerm(name, axis, replace(read, gates=()), bands)  # a box has no part in how large it can be
     most = reach(everywhere, machine)
     # what the user's simulation has in another size is known as the difference to that, of which rows know nothing

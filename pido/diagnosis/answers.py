@@ -181,7 +181,7 @@ def factor_of(
     """
     if simulated is None or term.gates or len(term.mechanism.amplitudes) != 1:
         return None
-    own, amplitudes = simulated.term.behind(term.lag), simulated.amplitudes
+    own, amplitudes = simulated.term.behind(term.loop), simulated.amplitudes
     there, missing = ((amplitudes @ own.columns(mismatch.states))[mismatch.usable], effect[mismatch.usable])
     power = float(there @ there)
     share = float(missing @ there) / power if power > 0 else 0.0
@@ -193,6 +193,9 @@ def factor_of(
     return Estimate(1 + share, "–", (1 + share - np.hypot(low, of_its_own), 1 + share + np.hypot(high, of_its_own)))
 
 
+_ORDERS = {1: "first order", 2: "two equal lags", 3: "three equal lags"}
+
+
 def equation_text(term: Term, axis: str) -> str:
     """The mechanism's equation in the form of the term, with the axis' name put in, and its region."""
     text = term.mechanism.equation_in(axis, dict(term.shape))
@@ -202,8 +205,8 @@ def equation_text(term: Term, axis: str) -> str:
     text = re.sub(r"\|(v|a)\|", rf"|\1_{axis}|", text)
     if term.name == "unknown":
         text = "; ".join([text, *meanings(text)])
-    if term.lag:
-        text += f"; answered late by the drive, first order, {term.lag:.2g} s"
+    if term.loop:
+        text += f"; answered late by the drive, {_ORDERS[term.loop.lags]}, {term.lag:.2g} s"
     if term.gates:
         text += ", only where " + " and ".join(g.condition for g in term.gates)
     return text

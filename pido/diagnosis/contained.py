@@ -27,6 +27,7 @@ from pido.diagnosis.mismatch import Mismatch, lay_out
 from pido.diagnosis.select import best_addition, drop_useless, grid_terms, swap
 from pido.diagnosis.terms import Component, Term, behind, fit
 from pido.diagnosis.whiten import Noise
+from pido.physics.drive import AT_ONCE, MOST_LAGS, Loop
 
 _ROWS = 6_000  # that are looked at: the simulated current is the same to the last digit however many there are
 _FRACTION = 0.3  # of the mismatch's noise level
@@ -47,6 +48,7 @@ _LONGEST_LAG_S = 0.1
 _LAGS = 8
 _NOTHING_LEFT = 1e-3  # of the simulated current's rms
 _LAG_LEAVES = 0.7  # of what is left without a lag
+_MORE_LAGS_LEAVE = 0.9  # of what is left with one of first order
 # What few simulations have, and what can imitate what most of them have (friction that a warm machine changes, or that
 # varies along the travel with a mean of its own), is asked for when the usual is in.
 _LATER = frozenset(
@@ -85,9 +87,9 @@ def contained(
     if mismatch.sim is None or not np.any(mismatch.usable):
         return {}
     own = [m for m in mechanisms if m.id not in NOT_A_COMPONENT and m.applies(mismatch.states) is None]
-    lag = _lag(mismatch, _offered(own, mismatch))
+    loop = _loop(mismatch, _offered(own, mismatch))
     # A lag is shorter than the steps of fewer rows.
-    thin = _of_simulation(mismatch, 1 if lag else max(1, mismatch.n // _ROWS))
+    thin = _of_simulation(mismatch, 1 if loop else max(1, mismatch.n // _ROWS))
     offered = _offered(own, thin)
     sim = thin.target
     # White noise: what a row is worth is set by how many rows there are, not by how they hang together.
@@ -96,13 +98,13 @@ def contained(
     problem = thin.with_target(np.where(thin.usable, sim + rng.normal(scale=level, size=thin.n), 0.0))
     # A simulation may round its signs and delay its transients: where all mechanisms at once do not reproduce it, one
     # of them must not be made to.
-    every_law = coarse_columns(problem, [t.behind(lag) for t in offered])
+    every_law = coarse_columns(problem, [t.behind(loop) for t in offered])
     amiss = maximum_filter1d(np.abs(left_over(problem, every_law, None)), _AROUND)
     faint = replace(faint, level=np.hypot(level, np.where(thin.usable, amiss, 0.0)))
-    library = Library(problem, offered, collinear=_COLLINEAR, lag=lag)
+    library = Library(problem, offered, collinear=_COLLINEAR, loop=loop)
     library.whiten(faint)
     # What falls with speed, over a long way, is nearly all of a friction: from there no single swap leads back to two.
-    coulomb = [t for t in offered if t.mechanism.id == _OWN_STATE][-1:]
+    coulomb = [t.behind(loop) for t in offered if t.mechanism.id == _OWN_STATE][-1:]
     tried = [swap(library, faint, _greedy(library, faint, start, _LATER), _LATER) for start in ([], coulomb)]
     tried = [drop_useless(library, faint, terms, _LEAST_GAIN) for terms in tried]
     usual = min(tried, key=lambda terms: float(basis(library, faint, terms).bic))
@@ -146,24 +148,33 @@ def _of_simulation(mismatch: Mismatch, stride: int) -> Mismatch:
     return replace(thin, base=thin.usable[None].astype(float), base_names=("constant",))
 
 
-def _lag(mismatch: Mismatch, offered: Sequence[Term]) -> float:
-    """s – of the loop behind which the simulation's own drive answers; 0 where all mechanisms at once do as well
-    without one: what a loop makes of a few laws, many others would be put together for."""
+def _loop(mismatch: Mismatch, offered: Sequence[Term]) -> Loop:
+    """The loop behind which the simulation's own drive answers; none where all mechanisms at once do as well without
+    one: what a loop makes of a few laws, many others would be put together for."""
     whole = _of_simulation(mismatch, 1)
     columns = coarse_columns(whole, offered)
 
-    def left(tau: float) -> float:
-        late = behind(columns, whole.states, tau) if tau else columns
+    def left(tau: float, lags: int = 1) -> float:
+        late = behind(columns, whole.states, Loop(tau, lags))
         return float(np.sqrt(np.mean(left_over(whole, late, None)[whole.usable] ** 2)))
 
     at_once = left(0.0)
     if at_once < _NOTHING_LEFT * float(np.sqrt(np.mean(whole.target[whole.usable] ** 2))):
-        return 0.0
+        return AT_ONCE
     taus = np.geomspace(_SHORTEST_LAG * whole.step, max(_LONGEST_LAG_S, 2 * whole.step), _LAGS)
     k = int(np.argmin([left(float(tau)) for tau in taus]))
     around = (float(taus[max(0, k - 1)]), float(taus[min(_LAGS - 1, k + 1)]))
-    found: Any = minimize_scalar(left, bounds=around, method="bounded", options={"maxiter": _LAGS})
-    return float(found.x) if found.fun < _LAG_LEAVES * at_once else 0.0
+
+    def best(lags: int) -> tuple[float, Loop]:
+        bounds = (around[0], lags * around[1])
+        found: Any = minimize_scalar(left, bounds=bounds, args=(lags,), method="bounded", options={"maxiter": _LAGS})
+        return float(found.fun), Loop(float(found.x), lags)
+
+    least, loop = best(1)
+    for lags in range(2, MOST_LAGS + 1):
+        if left(loop.lag, lags) < _MORE_LAGS_LEAVE * least:
+            least, loop = min((least, loop), best(lags), key=lambda each: each[0])
+    return loop if least < _LAG_LEAVES * at_once else AT_ONCE
 
 
 def _component(library: Library, noise: Noise, terms: Sequence[Term], term: Term) -> Component:

@@ -77,7 +77,7 @@ def estimate(
         again, _ = solve(other.whiten(design), other.whiten(mismatch.target[None])[0])
         half = [h + abs(float(b - a)) for h, b, a in zip(half, beta, again, strict=True)]
     of_amplitudes = slice(len(mismatch.base), len(mismatch.base) + sum(len(c) for c in columns))
-    if any(t.lag for t in terms):
+    if any(t.loop for t in terms):
         # How a drive's loop answers is known by its time only: first order and a pure delay are the ends of what it is.
         other_loop = fit(mismatch, noise, terms, [t.columns_delayed(mismatch.states) for t in terms])
         differ = np.abs(np.concatenate(other_loop.amplitudes) - np.concatenate(joint.amplitudes))
@@ -107,7 +107,7 @@ def estimate(
                 slope_at += 1
             else:
                 found[p.name] = Estimate(value, p.unit, (value, value))
-        if term.lag:
+        if term.loop:
             found[LAG] = Estimate(term.lag, "s", _around(term.lag, half[-1], log=True))
         out.append(found)
     return Estimated(joint, tuple(out))
@@ -162,10 +162,9 @@ def _lag_slope(mismatch: Mismatch, terms: Sequence[Term], amplitudes: Sequence[F
     """(1, n) – derivative of all late effects by the logarithm of the lag that they share; (0, n) where none is."""
     slope, any_late = np.zeros((1, mismatch.n)), False
     for term, a in zip(terms, amplitudes, strict=True):
-        if term.lag:
-            up, down = (
-                replace(term, lag=term.lag * float(np.exp(s))).columns(mismatch.states) for s in (_STEP, -_STEP)
-            )
+        if term.loop:
+            later = (replace(term.loop, lag=term.lag * float(np.exp(s))) for s in (_STEP, -_STEP))
+            up, down = (term.behind(loop).columns(mismatch.states) for loop in later)
             slope, any_late = slope + a @ (up - down) / (2 * _STEP), True
     return slope if any_late else slope[:0]
 
@@ -189,7 +188,7 @@ def _gauss_newton(
     moves, at = [], len(design) - len(extra) - len(of_lag)
     for term, group in zip(terms, slopes, strict=True):
         moves.append({name: float(beta[at + i]) for i, name in enumerate(group)})
-        if term.lag:
+        if term.loop:
             moves[-1][LAG] = float(beta[-1])
         at += len(group)
     return moves
@@ -208,7 +207,7 @@ def _moved(mismatch: Mismatch, term: Term, moves: dict[str, float], share: float
             shape[p.name] = float(np.clip(new, min(low, value), max(high, value)))
     lag = term.lag * float(np.exp(np.clip(share * moves.get(LAG, 0.0), -0.7, 0.7)))
     lag = min(lag, max(LONGEST_LAG_S, _LONGEST_LAG_STEPS * mismatch.step, term.lag))
-    return replace(term, shape=tuple(shape.items()), lag=lag)
+    return replace(term, shape=tuple(shape.items()), loop=replace(term.loop, lag=lag))
 
 
 def _within(parameter: Parameter, value: float, interval: tuple[float, float]) -> tuple[float, float]:

@@ -283,7 +283,7 @@ def _at_standstill(mismatch: Mismatch, term: Term) -> float:
 def _held_only(mismatch: Mismatch, term: Term, standing: Term) -> Term:
     """A friction that falls with speed so soon that nothing of it is left in motion, as what the axis holds at rest."""
     falls = term.mechanism.id == "stribeck_friction" and not term.gates
-    return standing.behind(term.lag) if falls and _at_standstill(mismatch, term) > _ALL_HELD else term
+    return standing.behind(term.loop) if falls and _at_standstill(mismatch, term) > _ALL_HELD else term
 
 
 def _without_limits(mismatch: Mismatch, terms: list[Term]) -> list[Term]:

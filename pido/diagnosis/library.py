@@ -27,7 +27,7 @@ from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.terms import Term, bic
 from pido.diagnosis.whiten import Noise
-from pido.physics.drive import lag_matrix
+from pido.physics.drive import AT_ONCE, Loop
 
 COLLINEAR = 1e-3  # share of a regressor's power that must be left once the terms already chosen are taken out of it
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
@@ -57,7 +57,7 @@ class Library:
     """Every mechanism at every point of its shape grid, as rows of one array.
 
     any_sign : names whose amplitude may have any sign, because the simulation contains them
-    lag : s – of the loop behind which all terms are that pass one
+    loop : behind which all terms are that pass one
     """
 
     def __init__(
@@ -66,10 +66,10 @@ class Library:
         terms: Sequence[Term],
         any_sign: frozenset[str] = frozenset(),
         collinear: float = COLLINEAR,
-        lag: float = 0.0,
+        loop: Loop = AT_ONCE,
     ) -> None:
         self.mismatch = mismatch
-        self.lag = lag
+        self.loop = loop
         self.any_sign = any_sign
         self.collinear = collinear
         self.polarity = polarity(mismatch)
@@ -92,9 +92,9 @@ class Library:
 
     def take(self, terms: Sequence[Term]) -> None:
         """Take in more terms; all are to be whitened then."""
-        mismatch, lag, rows, first = self.mismatch, self.lag, [self.rows], len(self.rows)
+        mismatch, loop, rows, first = self.mismatch, self.loop, [self.rows], len(self.rows)
         counted = None if mismatch.usable.all() else np.flatnonzero(mismatch.usable)
-        for term in (t.behind(lag) for t in terms):
+        for term in (t.behind(loop) for t in terms):
             columns = _used(term, term.columns(mismatch.states).astype(np.float32))
             seen = columns if counted is None else columns[:, counted]
             least, most = seen.min(axis=1, initial=np.inf), seen.max(axis=1, initial=-np.inf)
@@ -129,7 +129,7 @@ class Library:
     @cached_property
     def whitening_late(self) -> csr_array:
         """(n, n) – the same of what the loop answers late: of rows as they are before it."""
-        late = [lag_matrix(s.time, self.lag) for s in self.mismatch.states]
+        late = [self.loop.matrix(s.time) for s in self.mismatch.states]
         return csr_array(self.whitening @ csr_array(block_diag(late)))
 
     @cached_property
@@ -164,7 +164,7 @@ class Library:
 
     def columns(self, term: Term) -> Float2D:
         """(k, n), A per unit of the amplitude; what was asked for lately is remembered."""
-        if term.lag:
+        if term.loop:
             return self.everywhere(replace(term, name=""))
         values = self.everywhere(Term(term.mechanism, term.shape))
         for gate in term.gates:

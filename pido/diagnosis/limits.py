@@ -74,11 +74,11 @@ def straight_within(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> 
 def _moved(mismatch: Mismatch, noise: Noise, term: Term, rest: Sequence[Term]) -> tuple[Term, float]:
     """The term with each limit in turn where it fits best beside `rest`, and what that gains, 2 log likelihood."""
     left = _left_beside(mismatch, noise, rest)
-    own = replace(term, gates=(), lag=0.0).columns(mismatch.states)
+    own = replace(term, gates=()).at_once().columns(mismatch.states)
 
     def error(gates: tuple[Gate, ...]) -> float:
         within = own * np.concatenate([inside(s, gates) for s in mismatch.states])
-        return left(behind(within, mismatch.states, term.lag) if term.lag else within)
+        return left(behind(within, mismatch.states, term.loop))
 
     gates, first = term.gates, error(term.gates)
     best = first

@@ -1,14 +1,15 @@
 """How late a drive answers: an effect passes the loop of its drive before a current shows it.
 
 In:  one axis, the terms of its joint model.
-Out: the same terms, all behind one first order lag where that leaves clearly less; what is quick (friction at low
-     speed, a reversal) is blunted by the loop, and would be taken for weaker and longer than it is. And the lag itself,
-     where fewer terms behind it do what more do without: what a loop makes of one law, several can imitate.
+Out: the same terms, all behind one loop of equal lags where that leaves clearly less; what is quick (friction at low
+     speed, a reversal) is blunted by the loop, and would be taken for weaker and longer than it is. And the loop
+     itself, where fewer terms behind it do what more do without: what a loop makes of one law, several can imitate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,35 +21,46 @@ from pido.diagnosis.late import Lagged
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.terms import Term, behind, fit
 from pido.diagnosis.whiten import Noise
+from pido.physics.drive import AT_ONCE, MOST_LAGS, Loop
 
 _SHORTEST = 0.25  # steps: what is shorter is not seen
 _LONGEST_S = 0.1  # what answers later has causes of its own
 _FEWEST_STEPS = 2.0  # that are tried where a step is longer than that
 _TIMES = 5
+_LAGS = range(1, MOST_LAGS + 1)
 _LESS = 0.002  # of the error on unseen folds
 _CLEARLY_LESS = 0.01
 
 
 def answered(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Term]:
-    """`terms` with their shapes settled, those that a drive answers behind one lag where it makes them clearly better.
+    """`terms` with their shapes settled, those that a drive answers behind one loop where it makes them clearly better.
 
-    Where they are behind one already, they stay so, but for one that is too short to be seen.
+    Where they are behind one already, they stay so, but for one that is too short to be seen, or of as many lags as
+    say clearly more.
     """
-    lag = max((t.lag for t in terms), default=0.0)
-    if 0 < lag < _SHORTEST * mismatch.step:
-        at_once = settle_shapes(mismatch, noise, [t.behind(0.0) for t in terms])
+    loop = longest(t.loop for t in terms)
+    if 0 < loop.lag < _SHORTEST * mismatch.step:
+        at_once = settle_shapes(mismatch, noise, [t.behind(AT_ONCE) for t in terms])
         return at_once if no_more_error(mismatch, at_once, terms, AS_GOOD) else list(terms)
-    if lag or not any(_passes(t) for t in terms):
+    if not any(_passes(t) for t in terms):
         return list(terms)
-    late = settle_shapes(mismatch, noise, _behind_one(mismatch, noise, terms)[1])
+    if loop:
+        return _of_as_many_lags(mismatch, noise, list(terms))
+    late = _of_as_many_lags(mismatch, noise, settle_shapes(mismatch, noise, _behind_one(mismatch, noise, terms)[1]))
     gain = fit(mismatch, noise, terms).bic - fit(mismatch, noise, late).bic - np.log(mismatch.n)
     return late if gain > LEAST_GAIN and less_error(mismatch, late, terms, _LESS) else list(terms)
 
 
-def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
-    """s – behind which some of `terms` alone leave no more error than all of them do at once; 0 where none is needed.
+def longest(loops: Iterable[Loop]) -> Loop:
+    """The one that answers latest; none where there is none."""
+    return max(loops, key=lambda loop: loop.lag, default=AT_ONCE)
 
-    What has no name may have stood for the lag, and is not asked; where it answers late itself, that is the lag.
+
+def loop_of(mismatch: Mismatch, terms: Sequence[Term]) -> Loop:
+    """That behind which some of `terms` alone leave no more error than all of them do at once; none where none is
+    needed.
+
+    What has no name may have stood for the loop, and is not asked; where it answers late itself, that is the lag.
     """
     noise = even(mismatch)
     chosen = [t for t in terms if t.mechanism.kind == "data_fault" or t.name == "external_force"]
@@ -57,15 +69,16 @@ def lag_of(mismatch: Mismatch, terms: Sequence[Term]) -> float:
     while left:
         trials = [_behind_one(mismatch, noise, [*chosen, form]) for t in left for form in _at_rest(t)]
         chosen = settle_shapes(mismatch, noise, min(trials, key=lambda trial: trial[0])[1])
+        chosen = _of_as_many_lags(mismatch, noise, chosen)
         left = [t for t in left if t.name != chosen[-1].name]
         if plain_error(mismatch, chosen) <= AS_GOOD * all_at_once:
-            lag = max(t.lag for t in chosen)
-            if lag < _SHORTEST * mismatch.step:
-                return 0.0
-            at_once = settle_shapes(mismatch, noise, [t.behind(0.0) for t in chosen])
-            return lag if less_error(mismatch, chosen, at_once, _CLEARLY_LESS) else 0.0
+            loop = longest(t.loop for t in chosen)
+            if loop.lag < _SHORTEST * mismatch.step:
+                return AT_ONCE
+            at_once = settle_shapes(mismatch, noise, [t.behind(AT_ONCE) for t in chosen])
+            return loop if less_error(mismatch, chosen, at_once, _CLEARLY_LESS) else AT_ONCE
     late = [dict(t.shape)["tau"] for t in terms if isinstance(t.mechanism, Lagged)]
-    return max((tau for tau in late if _SHORTEST * mismatch.step < tau < _LONGEST_S), default=0.0)
+    return longest(Loop(tau) for tau in late if _SHORTEST * mismatch.step < tau < _LONGEST_S)
 
 
 def _at_rest(term: Term) -> list[Term]:
@@ -74,18 +87,30 @@ def _at_rest(term: Term) -> list[Term]:
 
 
 def _passes(term: Term) -> bool:
-    return term.behind(1.0) != term.behind(0.0)
+    return term.behind(Loop(1.0)) != term.behind(AT_ONCE)
 
 
 def _behind_one(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> tuple[float, list[Term]]:
     """`terms` behind the lag that fits best with their shapes as they are, and the sum of squares that is left."""
     taus = np.geomspace(_SHORTEST * mismatch.step, max(_LONGEST_S, _FEWEST_STEPS * mismatch.step), _TIMES)
     late = [_passes(t) for t in terms]
-    at_once = [t.behind(0.0).columns(mismatch.states) for t in terms]
+    at_once = [t.behind(AT_ONCE).columns(mismatch.states) for t in terms]
 
-    def left(tau: float) -> float:
-        columns = [behind(c, mismatch.states, tau) if is_late else c for c, is_late in zip(at_once, late, strict=True)]
+    def left(loop: Loop) -> float:
+        columns = [behind(c, mismatch.states, loop) if is_late else c for c, is_late in zip(at_once, late, strict=True)]
         return fit(mismatch, noise, terms, columns).rss
 
-    rss, tau = min((left(float(tau)), float(tau)) for tau in taus)
-    return rss, [t.behind(tau) for t in terms]
+    rss, tau = min((left(Loop(float(tau))), float(tau)) for tau in taus)
+    return rss, [t.behind(Loop(tau)) for t in terms]
+
+
+def _of_as_many_lags(mismatch: Mismatch, noise: Noise, terms: list[Term]) -> list[Term]:
+    """`terms`, settled behind one loop, with as many lags in it as say clearly more than any other number."""
+    for lags in _LAGS:
+        trial = [t.behind(replace(t.loop, lags=lags)) if t.loop else t for t in terms]
+        if trial == terms:
+            continue
+        trial = settle_shapes(mismatch, noise, trial)
+        if fit(mismatch, noise, trial).bic < fit(mismatch, noise, terms).bic - LEAST_GAIN:
+            terms = trial
+    return terms

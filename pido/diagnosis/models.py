@@ -41,6 +41,7 @@ from pido.diagnosis.terms import Term
 from pido.diagnosis.tools import ByTool
 from pido.diagnosis.transients import Transient
 from pido.diagnosis.waves import Wave
+from pido.physics.drive import Loop
 
 _GIVEN_BY = {
     "way": "v_{axis} or pos_{axis}",
@@ -339,6 +340,7 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
         ],
         "amplitudes": [float(a) for a in amplitudes],
         "lag": term.lag,
+        "lags": term.loop.lags,
     }
 
 
@@ -351,8 +353,8 @@ def _term(data: Mapping[str, Any]) -> Term:
         )
         for g in data["gates"]
     )
-    shape, lag = tuple(data["shape"].items()), float(data.get("lag", 0.0))
-    return Term(_mechanism(data["mechanism"]), shape, gates, data["name"], lag)
+    loop = Loop(float(data.get("lag", 0.0)), int(data.get("lags", 1)))
+    return Term(_mechanism(data["mechanism"]), tuple(data["shape"].items()), gates, data["name"], loop)
 
 
 def _mechanism(own: Mapping[str, Any]) -> Mechanism:

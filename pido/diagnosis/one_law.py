@@ -60,7 +60,7 @@ def _laws(library: Library, terms: Sequence[Term], i: int, j: int) -> list[Term]
 
 
 def _in_both(terms: Sequence[Term], i: int, j: int, law: Term) -> list[Term]:
-    return [replace(law, gates=t.gates, lag=t.lag) if k in (i, j) else t for k, t in enumerate(terms)]
+    return [replace(law, gates=t.gates, loop=t.loop) if k in (i, j) else t for k, t in enumerate(terms)]
 
 
 def _of_one_size(library: Library, noise: Noise, terms: Sequence[Term], i: int, j: int) -> bool:

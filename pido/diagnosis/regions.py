@@ -340,10 +340,10 @@ def _best_interval(
     late to what is inside: rows pass it once they are in their classes.
     """
     others = tuple(g for g in score.term.gates if g.variable != variable)
-    columns = _there(library.columns(replace(score.term, gates=others, lag=0.0)))
+    columns = _there(library.columns(replace(score.term, gates=others).at_once()))
     k, part = len(columns), space.between(variable, limits)
     each = vstack([csr_array((part.data * c[part.indices], part.indices, part.indptr), part.shape) for c in columns])
-    whitened = csr_array(each @ (library.whitening_late if score.term.lag else library.whitening).T)
+    whitened = csr_array(each @ (library.whitening_late if score.term.loop else library.whitening).T)
     sign = _sign(library, score.term) if len(columns) == 1 else 0.0
     first, last, gain = gains_of_intervals(whitened, k, current.Q32, current.residual32, sign)
     # What is narrower than the least step between two levels is no range of speeds, but where a sign turns.

@@ -44,7 +44,7 @@ from pido.diagnosis.identify import (
     select_terms,
 )
 from pido.diagnosis.library import Library, basis, plausible
-from pido.diagnosis.loop import lag_of
+from pido.diagnosis.loop import loop_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.one_law import one_law
@@ -55,6 +55,7 @@ from pido.diagnosis.select import shortlist_of
 from pido.diagnosis.terms import Component, Term, fit, solve, without
 from pido.diagnosis.unnamed import best_nameless, with_unknown
 from pido.diagnosis.whiten import Averaged, Noise
+from pido.physics.drive import AT_ONCE, Loop
 
 _BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
 _ANOTHER = 1.5  # times a length, speed or time constant of the simulation's: not the same
@@ -114,32 +115,32 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     the same behind a lag, all is asked again behind it. Where the simulation has a loop, what it lacks passes the same.
     """
     answer = _search(look, axes, timed, rng)
-    lag = lag_of(look.mismatch, answer.terms)
-    if not lag:
-        lag = max((part.term.lag for part in look.inside.values()), default=0.0)
-    if lag and (answer.terms or _anything(look, lag)):
-        late = _search(look, axes, timed, rng, lag)
+    loop = loop_of(look.mismatch, answer.terms)
+    if not loop:
+        loop = max((part.term.loop for part in look.inside.values()), key=lambda each: each.lag, default=loop)
+    if loop and (answer.terms or _anything(look, loop)):
+        late = _search(look, axes, timed, rng, loop)
         if not answer.terms or _as_good(look.mismatch, late.terms, answer.terms):
             return late
     return answer
 
 
-def _anything(look: Look, lag: float) -> bool:
-    """Whether any law, named or not, says more behind a lag in s than chance does."""
-    library = Library(look.mismatch, _not_timing(look.offered), _any_sign(look.inside), lag=lag)
+def _anything(look: Look, loop: Loop) -> bool:
+    """Whether any law, named or not, says more behind a loop than chance does."""
+    library = Library(look.mismatch, _not_timing(look.offered), _any_sign(look.inside), loop=loop)
     noise = noise_of(look.mismatch, look.noise, [])
     library.whiten(noise)
     least = min((s.bic for s in best_nameless(library, noise, [])), default=np.inf)
     return bool(least < basis(library, noise, []).bic - LEAST_GAIN)
 
 
-def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, lag: float = 0.0) -> Answer:
-    """Names for one axis, behind a lag in s."""
+def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, loop: Loop = AT_ONCE) -> Answer:
+    """Names for one axis, behind a loop."""
     mismatch, noise = look.mismatch, look.noise
     answer = Answer(mismatch.axis, rejected=list(look.rejected))
     # A shift in time is common to all axes, and a limit is flat: both were decided before, and can only be rivals.
     names = [t for t in _not_timing(look.offered) if t.mechanism.id != "sensor_clipping"]
-    library = Library(mismatch, names, _any_sign(look.inside), lag=lag)
+    library = Library(mismatch, names, _any_sign(look.inside), loop=loop)
     terms = select_terms(library, noise)
     # Again with the noise of what was found: it is never too small, as that of the saturated fit may be.
     noise = noise_of(mismatch, noise, terms)

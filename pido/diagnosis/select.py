@@ -39,7 +39,7 @@ def suggested(library: Library, current: Basis, residual: Float1D, taken: set[st
         if name in taken:
             continue
         for shape in mechanism.suggest(m.states, parts):
-            term = Term(mechanism, tuple(shape.items()), (), name).behind(library.lag)
+            term = Term(mechanism, tuple(shape.items()), (), name).behind(library.loop)
             found = library.score(term, current)
             if found is not None:
                 out.append(replace(found, bic=found.bic + 2 * np.log(max(1, mechanism.looked_at))))

@@ -18,7 +18,7 @@ from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.state import AxisState
 from pido.diagnosis.whiten import Noise
-from pido.physics.drive import answered_late, delayed
+from pido.physics.drive import AT_ONCE, Loop, delayed
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class Term:
     """A mechanism, its shape parameters, its region, and the name that the diagnosis gives it.
 
     `name` differs from the mechanism's id where the simulation already contains it: 'miscalibrated:<id>'.
-    lag : s – by which the loop of the drive answers it late, first order
+    loop : of the drive, by which it is answered late
     """
 
     mechanism: Mechanism
     shape: tuple[tuple[str, float], ...] = ()
     gates: tuple[Gate, ...] = ()
     name: str = field(default="")
-    lag: float = 0.0
+    loop: Loop = AT_ONCE
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -50,14 +50,23 @@ class Term:
         idle = self.mechanism.idle(dict(self.shape))
         return sum(a.name in idle for a in self.mechanism.amplitudes)
 
+    @property
+    def lag(self) -> float:
+        """s, by which it is answered late."""
+        return self.loop.lag
+
     def with_shape(self, **values: float) -> Term:
         """The same term with these numbers in its shape."""
         return replace(self, shape=tuple({**dict(self.shape), **values}.items()))
 
-    def behind(self, lag: float) -> Term:
+    def behind(self, loop: Loop) -> Term:
         """The same term behind the loop of a drive; as it is where it passes none, or has a lag of its own."""
         passes = self.mechanism.passes_loop and self.mechanism.kind != "data_fault"
-        return replace(self, lag=lag) if passes and not dict(self.shape).get("late") else self
+        return replace(self, loop=loop) if passes and not dict(self.shape).get("late") else self
+
+    def at_once(self) -> Term:
+        """The same term, behind no loop."""
+        return replace(self, loop=AT_ONCE)
 
     def columns(self, states: Sequence[AxisState]) -> Float2D:
         """(k, n), A per unit of the amplitude, parts one after another; zero where the state is not known."""
@@ -65,7 +74,7 @@ class Term:
 
     def columns_delayed(self, states: Sequence[AxisState]) -> Float2D:
         """The same, as late by as much, for a loop that answers in full after that time and not before."""
-        at_once = replace(self, lag=0.0)
+        at_once = self.at_once()
         return np.concatenate([delayed(at_once.of_part(s), s.time, self.lag) for s in states], axis=1)
 
     def of_part(self, state: AxisState) -> Float2D:
@@ -74,7 +83,7 @@ class Term:
             values = np.asarray(self.mechanism.regressors(state, **dict(self.shape)), float).T
         values = np.where(np.isfinite(values), values, 0.0)
         values = values * inside(state, self.gates) if self.gates else values
-        return answered_late(values, state.time, self.lag) if self.lag else values
+        return self.loop.answered(values, state.time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,11 +128,11 @@ def without(terms: Sequence[Term], i: int) -> list[Term]:
     return [t for k, t in enumerate(terms) if k != i]
 
 
-def behind(columns: Float2D, states: Sequence[AxisState], lag: float) -> Float2D:
-    """(k, n) – columns of what answers at once, behind a lag in s; parts one after another."""
+def behind(columns: Float2D, states: Sequence[AxisState], loop: Loop) -> Float2D:
+    """(k, n) – columns of what answers at once, behind a loop; parts one after another."""
     edges = np.cumsum([len(s.time) for s in states])[:-1]
     parts = zip(np.split(columns, edges, axis=1), states, strict=True)
-    return np.concatenate([answered_late(values, state.time, lag) for values, state in parts], axis=1)
+    return np.concatenate([loop.answered(values, state.time) for values, state in parts], axis=1)
 
 
 def fit(mismatch: Mismatch, noise: Noise, terms: Sequence[Term], columns: Sequence[Float2D] | None = None) -> Fit:

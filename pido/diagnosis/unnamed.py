@@ -135,7 +135,7 @@ def _curve_instead(library: Library, noise: Noise, terms: list[Term]) -> list[Te
     rough, fine = (curve_over_current(mismatch, count) for count in _KNOTS)
     if rough is None or fine is None:
         return terms
-    by_rough, by_fine = ([Term(curve).behind(library.lag)] for curve in (rough, fine))
+    by_rough, by_fine = ([Term(curve).behind(library.loop)] for curve in (rough, fine))
     if len(terms) >= _MANY and says_it_all(mismatch, by_rough, terms):
         return by_rough
     # What is no more likely by averages, which are soon compared, does not do far more.
@@ -211,8 +211,8 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     residual = fit(mismatch, noise, start).residual
     few, ground = coarse(mismatch, residual, noise), _ground_of(library, noise)
     ranked = heapq.nlargest(_OFFERED, _by_gain(ground, few), key=lambda g: g[0])
-    offered = [t.behind(library.lag) for _, t in ranked]
-    quick = [Term(law).behind(library.lag) for law in ground.quick.best(residual)]
+    offered = [t.behind(library.loop) for _, t in ranked]
+    quick = [Term(law).behind(library.loop) for law in ground.quick.best(residual)]
     late = [
         *ringing_terms(mismatch, residual, ground.whole),
         *late_terms(ground.lately, few),
@@ -244,7 +244,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
                 wanted.append(each)
     asked = [s for s in ground.surfaces if frozenset(s.variables) in wanted[:_PAIRS]]
     for surface in dict.fromkeys([*asked, *_ranked_surfaces(ground.surfaces, ground.thin, few)[:_SURFACES]]):
-        found = library.score(Term(surface).behind(library.lag), current)
+        found = library.score(Term(surface).behind(library.loop), current)
         if found is not None and found.bic < curve.bic - _CLEARLY and not is_known(library, noise, found):
             curve = found
     return [best] if curve is best else [best, curve]

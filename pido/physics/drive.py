@@ -5,12 +5,15 @@ In:  ways, positions, currents. Out: the laws, as pure functions.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.signal import lfilter
 from scipy.sparse import csr_array
 
 from pido.core.arrays import Float1D, Float2D, Int1D
 
+MOST_LAGS = 3  # of a loop, equal and of first order
 _DIED_AWAY = 0.01  # of an answer: what of it is still to come is left out of its matrix
 
 
@@ -148,20 +151,51 @@ def delayed(values: Float2D, time: Float1D, by: float) -> Float2D:
     return np.concatenate([np.array(p).reshape(len(values), -1) for p in pieces], axis=1)
 
 
-def lag_matrix(time: Float1D, tau: float) -> csr_array:
-    """(n, n), sparse: `answered_late(values, time, tau)` is `values @ lag_matrix(time, tau).T` but for a hundredth, for
-    values that begin every stretch at zero.
+@dataclass(frozen=True)
+class Loop:
+    """The loop of a drive, by which a current answers late: as many equal lags of first order, one behind another.
 
-    time : (n,), s; tau : scalar > 0, s.
+    lag : s >= 0, of all together; 0 where it answers at once. lags : 1 and more, how many
     """
-    n = len(time)
-    if n < 2:
-        return csr_array(np.eye(n))
-    step, first = _stretches(time)
-    reach = min(n, 2 + int(np.ceil(np.log(1 / _DIED_AWAY) * tau / step)))
-    one = np.zeros((1, reach + 1))
-    one[0, 1] = 1.0
-    answer = answered_late(one, step * np.arange(reach + 1, dtype=float), tau)[0, 1:]
+
+    lag: float = 0.0
+    lags: int = 1
+
+    def __bool__(self) -> bool:
+        return bool(self.lag > 0)
+
+    def answered(self, values: Float2D, time: Float1D) -> Float2D:
+        """Signals behind it, as `answered_late` one after another. values : (k, n); time : (n,), s. Returns (k, n).
+
+        >>> Loop(2.0, 2).answered(np.array([[0.0, 1.0, 1.0, 1.0]]), np.arange(4.0)).round(3).tolist()
+        [[0.0, 0.135, 0.461, 0.71]]
+        """
+        for _ in range(self.lags if self else 0):
+            values = answered_late(values, time, self.lag / self.lags)
+        return values
+
+    def matrix(self, time: Float1D) -> csr_array:
+        """(n, n), sparse: `answered(values, time)` is `values @ matrix(time).T` but for a hundredth, for values that
+        begin every stretch at zero. time : (n,), s.
+        """
+        n = len(time)
+        if n < 2 or not self:
+            return csr_array(np.eye(n))
+        step, first = _stretches(time)
+        # of equal lags one behind another, less is still to come after the same time
+        reach = min(n, 2 + int(np.ceil(np.log(1 / _DIED_AWAY) * self.lag / step)))
+        one = np.zeros((1, reach + 1))
+        one[0, 1] = 1.0
+        answer = self.answered(one, step * np.arange(reach + 1, dtype=float))[0, 1:]
+        return _banded(answer, n, first)
+
+
+AT_ONCE = Loop()
+
+
+def _banded(answer: Float1D, n: int, first: Int1D) -> csr_array:
+    """(n, n) – what an impulse leaves in the rows from its own on, within its own stretch."""
+    reach = len(answer)
     since = np.arange(n) - np.repeat(np.r_[0, first], np.diff(np.r_[0, first, n]))
     to = since[:, None] >= np.arange(reach)  # what a row answers to, of those before it, lies in its own stretch
     rows = np.repeat(np.arange(n), to.sum(axis=1))

@@ -21,7 +21,7 @@ from pido.diagnosis.search import first_look, search
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
 from pido.diagnosis.whiten import Noise
-from pido.physics.drive import answered_late
+from pido.physics.drive import Loop, answered_late
 
 pytestmark = pytest.mark.thorough
 
@@ -295,7 +295,7 @@ def test_the_limits_of_what_ramps_show_are_found_behind_a_loop_and_in_averaged_r
     late = [answered_late(e[None], s.time, 0.02)[0] for e, s in zip(acts, states, strict=True)]
     mismatch = lay_out(states, [e + rng.normal(0, 0.15, len(e)) for e in late], stride=10)
     offered, _ = candidates(CATALOGUE, mismatch, {})
-    library = Library(mismatch, [t for t in offered if t.mechanism.id == "axis_coupling"], lag=0.02)
+    library = Library(mismatch, [t for t in offered if t.mechanism.id == "axis_coupling"], loop=Loop(0.02))
     noise = Noise(np.zeros(0), np.full(mismatch.n, 0.15 / np.sqrt(10)), 1.0, mismatch.usable)
     library.whiten(noise)
     found = best_region(library, basis(library, noise, []))

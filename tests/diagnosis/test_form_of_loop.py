@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 
 import pido.diagnosis.estimate as estimates
+from pido.core.part import PartInfo
+from pido.core.recording import Recording
+from pido.diagnosis.contained import contained
 from pido.diagnosis.estimate import estimate, settle_shapes
 from pido.diagnosis.loop import answered
+from pido.diagnosis.mechanisms import CATALOGUE
+from pido.diagnosis.mismatch import lay_out
+from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from pido.physics.drive import answered_late, delayed
-from tests.diagnosis.planted import NOISE, STEP, VISCOUS, planted
+from pido.physics.drive import Loop, answered_late, delayed
+from tests.diagnosis.planted import NOISE, STEP, VISCOUS, planted, white
 
 TIME_S = 0.06
 
@@ -30,7 +36,7 @@ def size_of(loop):
     library, noise = planted(lambda s: loop(s.v[None], s.time)[0], strength=4.0, change=quick)
     mismatch = library.mismatch
     effect = np.concatenate([loop(s.v[None], s.time)[0] for s in mismatch.states])
-    terms = settle_shapes(mismatch, noise, [Term(VISCOUS, lag=TIME_S)])
+    terms = settle_shapes(mismatch, noise, [Term(VISCOUS, loop=Loop(TIME_S))])
     found = estimate(mismatch, noise, terms, np.random.default_rng(0))
     return found.parameters[0]["F_v"], 4.0 * NOISE / np.std(effect)
 
@@ -71,5 +77,31 @@ def test_a_lag_that_is_too_short_to_be_seen_is_none(true_s, found_s, stays):
         return answered_late(state.v[None], state.time, true_s)[0] if true_s else state.v
 
     library, noise = planted(late, strength=4.0, change=quick)
-    (term,) = answered(library.mismatch, noise, [Term(VISCOUS, lag=found_s)])
+    (term,) = answered(library.mismatch, noise, [Term(VISCOUS, loop=Loop(found_s))])
     assert bool(term.lag) == stays
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_loop_has_as_many_lags_as_say_more(count):
+    library, noise = planted(lambda s: lags(count)(s.v[None], s.time)[0], strength=8.0, change=quick)
+    (term,) = answered(library.mismatch, noise, [Term(VISCOUS)])
+    assert term.loop.lags == count
+    assert term.lag == pytest.approx(TIME_S, rel=0.05)
+
+
+def test_a_simulation_is_read_behind_a_loop_of_two_lags():
+    """x goes to and fro at a few feeds, with a mass and friction: none of it viscous, as one lag would say."""
+    states, rng = [], np.random.default_rng(7)
+    for k in range(3):
+        v = np.repeat(rng.choice([3.0, 6.0, 10.0, 15.0], 40) * rng.choice([-1, 1], 40), 100)
+        v = np.convolve(v, np.ones(25) / 25, "same")
+        t = np.arange(len(v)) * STEP
+        a = np.gradient(v, t)
+        drawn = Loop(0.12, 2).answered((0.08 * a + 2.0 * np.sign(v) * (np.abs(v) > 0.05))[None], t)[0]
+        columns = {"time": t, "v_x": v, "pos_x": np.cumsum(v) * STEP, "a_x": a, "curr_x_sim": drawn}
+        states += axis_states([Recording(PartInfo(part=f"p{k}", machine="m", order=k + 1), columns)], "x")
+    mismatch = lay_out(states, [rng.normal(0, NOISE, len(s.time)) for s in states])
+    found = contained(mismatch, CATALOGUE, white(mismatch), np.random.default_rng(0))
+    assert set(found) == {"inertia", "coulomb_friction"}
+    assert found["coulomb_friction"].amplitudes[0] == pytest.approx(2.0, rel=0.03)
+    assert found["inertia"].term.loop.lags == 2

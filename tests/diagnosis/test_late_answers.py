@@ -105,7 +105,7 @@ def test_the_lag_is_in_the_model_that_corrects_other_parts():
     (part, *_), (state, *_) = list(recordings(TAU)), mismatch.states
     corrected = again.effect(np.zeros(len(state.time)), part, state)
     left = np.sqrt(np.mean((part["curr_x"] - corrected) ** 2))
-    at_once = AxisModel("x", 0.02, (replace(term, lag=0.0),), (np.array([SIZE]),)).effect(
+    at_once = AxisModel("x", 0.02, (term.at_once(),), (np.array([SIZE]),)).effect(
         np.zeros(len(state.time)), part, state
     )
     assert left < 0.5 * np.sqrt(np.mean((part["curr_x"] - at_once) ** 2))

@@ -9,13 +9,14 @@ from pido.diagnosis.estimate import settle_shapes
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.limits import on_every_row, straight_within
 from pido.diagnosis.terms import Term, behind, fit
+from pido.physics.drive import Loop
 from tests.diagnosis.feeds import BY_ID, laid_out
 
 LOW, HIGH, MASS = 1.0, 4.0, 0.02
 
 
 def inertia(low, high, lag=0.0):
-    return Term(BY_ID["inertia"], (), (Gate("|v_x|", low=low), Gate("|v_x|", high=high)), lag=lag)
+    return Term(BY_ID["inertia"], (), (Gate("|v_x|", low=low), Gate("|v_x|", high=high)), loop=Loop(lag))
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.03])
@@ -23,7 +24,7 @@ def inertia(low, high, lag=0.0):
 def test_limits_go_where_every_row_has_them(found, lag):
     def effect(s):
         inside = MASS * s.a * ((np.abs(s.v) >= LOW) & (np.abs(s.v) < HIGH))
-        return behind(inside[None], [s], lag)[0] if lag else inside
+        return behind(inside[None], [s], Loop(lag))[0]
 
     mismatch, noise = laid_out(effect)
     (term,) = on_every_row(mismatch, noise, [inertia(*found, 0.6 * lag)])

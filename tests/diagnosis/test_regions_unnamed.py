@@ -26,7 +26,7 @@ from pido.diagnosis.terms import Term, fit
 from pido.diagnosis.unnamed import with_unknown
 from pido.diagnosis.waves import Wave
 from pido.diagnosis.whiten import estimate_noise
-from pido.physics.drive import answered_late
+from pido.physics.drive import Loop, answered_late
 from tests.diagnosis.planted import white
 from tests.diagnosis.to_and_fro import NOISE, VISCOUS, laid_out, library_of, nothing, recordings
 
@@ -167,7 +167,7 @@ def test_what_has_no_name_passes_the_loop_of_the_drive_as_laws_do():
         return 0.2 * np.exp(-(((np.abs(s.v) - 6.0) / 1.2) ** 2)) * np.sign(s.v)
 
     mismatch, noise = laid_out(lambda s: answered_late(drag(s)[None], s.time, 0.1)[0])
-    library = Library(mismatch, [Term(VISCOUS)], lag=0.1)
+    library = Library(mismatch, [Term(VISCOUS)], loop=Loop(0.1))
     library.whiten(noise)
     (term,), _ = with_unknown(library, noise, [], seed=0)
     assert (term.mechanism, term.lag) == (Peak("v_x", "mm/s", even=False, odd=True), 0.1)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pido.physics.drive import answered_late, best_stretch, beyond, lag_matrix, lost_motion, periods_of, wave
+from pido.physics.drive import Loop, answered_late, best_stretch, beyond, lost_motion, periods_of, wave
 
 
 def test_lost_motion_fades_exponentially_and_its_edge_makes_it_a_rectangle():
@@ -63,10 +63,18 @@ def test_a_late_answer_follows_a_ramp_by_its_time_constant_and_begins_at_rest_af
     np.testing.assert_allclose(late[1], 7.0)
 
 
+@pytest.mark.parametrize("lags", [1, 2, 3])
+def test_a_ramp_is_as_late_behind_any_loop_as_its_lag_says(lags):
+    time = np.arange(0.0, 2.0, 0.005)
+    late = Loop(0.05, lags).answered(2.0 * time[None], time)[0]
+    np.testing.assert_allclose(late[-100:], 2.0 * (time[-100:] - 0.05), atol=1e-6)
+
+
+@pytest.mark.parametrize("lags", [1, 2, 3])
 @pytest.mark.parametrize("tau", [0.004, 0.03])
-def test_the_matrix_of_a_late_answer_is_the_late_answer_but_for_a_hundredth(tau):
+def test_the_matrix_of_a_late_answer_is_the_late_answer_but_for_a_hundredth(tau, lags):
     time = np.r_[np.arange(0.0, 1.0, 0.01), np.arange(5.0, 6.0, 0.01)]
     values = np.random.default_rng(3).normal(size=(2, len(time)))
     values[:, [0, 100]] = 0.0
-    late = answered_late(values, time, tau)
-    np.testing.assert_allclose(values @ lag_matrix(time, tau).T, late, atol=0.01 * np.abs(values).max())
+    late = Loop(tau, lags).answered(values, time)
+    np.testing.assert_allclose(values @ Loop(tau, lags).matrix(time).T, late, atol=0.01 * np.abs(values).max())
