@@ -22,7 +22,7 @@ from pido.diagnosis.baseline import equation_inputs, equation_names, equation_ro
 from pido.diagnosis.bends import Bend
 from pido.diagnosis.dynamics import Ringing, RingingAlong
 from pido.diagnosis.events import ExternalForce, Rhythm
-from pido.diagnosis.formulas import Formula, Peak, Surface
+from pido.diagnosis.formulas import Formula, Peak, Surface, unit_of
 from pido.diagnosis.gaps import known_columns
 from pido.diagnosis.gates import Gate
 from pido.diagnosis.latched import Latched, Switched
@@ -267,6 +267,10 @@ def _amplitudes(term: Term, kept: Sequence[float]) -> Float1D:
     return np.pad(np.asarray(kept, float), (0, max(missing, 0)))
 
 
+def _formula_json(law: Formula) -> dict[str, Any]:
+    return {"factors": [list(f) for f in law.factors], "unit": law.unit, "seen": [list(r) for r in law.seen]}
+
+
 def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, Any]:
     own: dict[str, Any] = {"id": term.mechanism.id}
     match term.mechanism:
@@ -276,8 +280,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
             own |= {"pulses": clock, "origin": origin, "cycles": cycles}
         case Rhythm(clock=clock):
             own["clock"] = clock
-        case Formula(factors=factors, unit=unit, seen=seen):
-            own |= {"factors": [list(f) for f in factors], "unit": unit, "seen": [list(r) for r in seen]}
+        case Formula() as law:
+            own |= _formula_json(law)
         case Peak(signal=signal, unit=unit, even=even, odd=odd, wide=wide):
             own |= {"signal": signal, "unit": unit, "even": even, "odd": odd, "wide": wide}
         case Bend(signal=signal, seen=seen, turns=turns):
@@ -289,8 +293,8 @@ def _term_json(term: Term, amplitudes: Sequence[float] | Float1D) -> dict[str, A
         case Resonant(by=by, signal=signal, form=form, unit=unit, of=of, even=even, ends=ends, flat=flat):
             own |= {"resonant": by, "carries": signal, "form": form, "unit": unit, "of": of, "even": even}
             own |= {"ends": list(ends), "flat": flat}
-        case ByTool(tools=tools, signal=signal, unit=unit, form=form):
-            own |= {"tools": list(tools), "carries": signal, "unit": unit, "form": form}
+        case ByTool(tools=tools, law=law):
+            own |= {"tools": list(tools)} | _formula_json(law)
         case Wave(place=place, length=length, signal=signal, unit=unit, harmonics=harmonics, form=form):
             own |= {"waves": place, "length": length, "signal": signal, "unit": unit, "harmonics": harmonics}
             own |= {"form": form}
@@ -357,6 +361,11 @@ def _term(data: Mapping[str, Any]) -> Term:
     return Term(_mechanism(data["mechanism"]), tuple(data["shape"].items()), gates, data["name"], loop)
 
 
+def _formula(own: Mapping[str, Any]) -> Formula:
+    seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
+    return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
+
+
 def _mechanism(own: Mapping[str, Any]) -> Mechanism:
     if "intervals" in own:
         return ExternalForce(tuple((str(p), float(a), float(b)) for p, a, b in own["intervals"]))
@@ -364,9 +373,14 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Pulses(bool(own["pulses"]), float(own["origin"]), float(own["cycles"]))
     if "clock" in own:
         return Rhythm(bool(own["clock"]))
+    if "tools" in own:
+        law: dict[str, Any] = {k: v for k, v in own.items() if k != "tools"}
+        if "carries" in own:  # models of before have one quantity
+            factor = (str(own["carries"]), str(own["form"]))
+            law = {"factors": [factor], "unit": unit_of([(str(own["unit"]), factor[1])])}
+        return ByTool(tuple(map(str, own["tools"])), _formula(law))
     if "factors" in own:
-        seen = tuple((float(low), float(high)) for low, high in own.get("seen", []))
-        return Formula(tuple((str(s), str(f)) for s, f in own["factors"]), str(own["unit"]), seen)
+        return _formula(own)
     if "arm" in own:
         later = (str(own.get(k, other)) for k, other in (("length", "mm"), ("by", "u"), ("form", "u")))
         return Arm(str(own["arm"]), str(own["of"]), str(own["unit"]), *later)
@@ -378,8 +392,6 @@ def _mechanism(own: Mapping[str, Any]) -> Mechanism:
         return Eased(*(str(own[k]) for k in ("eased", "carries", "form", "unit", "of")))
     if "eased_lately" in own:
         return EasedLately(*(str(own[k]) for k in ("eased_lately", "carries", "form", "unit", "of")))
-    if "tools" in own:
-        return ByTool(tuple(map(str, own["tools"])), *(str(own[k]) for k in ("carries", "unit", "form")))
     if "waves" in own:
         place = str(own["waves"])
         length = str(own.get("length", "deg" if place == "pos_sp" else "mm"))  # models of before do not have

@@ -49,7 +49,7 @@ from pido.diagnosis.resonant import resonant
 from pido.diagnosis.rested import Rested, rested_terms
 from pido.diagnosis.signals import Known
 from pido.diagnosis.terms import Term, bic, fit
-from pido.diagnosis.tools import by_tool
+from pido.diagnosis.tools import ByTool, by_tool, tools_of
 from pido.diagnosis.transients import Transient, transient_terms
 from pido.diagnosis.waves import waves
 from pido.diagnosis.whiten import Noise
@@ -253,7 +253,10 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
 def _of_one_more(
     library: Library, current: Basis, laws: dict[Mechanism, Score], ground: Ground, residual: Float1D
 ) -> dict[Mechanism, Score]:
-    """`laws`, the likeliest first, and products of the best with one more quantity where that is clearly likelier."""
+    """`laws`, the likeliest first, and products of the best with one more quantity, or with a size of its own for each
+    tool, where that is clearly likelier."""
+    best = [(law, s) for law, s in laws.items() if isinstance(law, Formula) and law.factors][:_EXTENDED]
+    tools = tools_of(library.mismatch.states)
     pairs = [(law, s) for law, s in laws.items() if isinstance(law, Formula) and len(law.factors) > 1 and law.seen]
     found = dict(laws)
     for law, score in pairs[:_EXTENDED]:
@@ -261,13 +264,18 @@ def _of_one_more(
             one = library.score(replace(score.term, mechanism=more), current)
             if one is not None and one.bic < score.bic - _CLEARLY:
                 found[more] = one
+    for law, score in best if tools else ():
+        one = library.score(replace(score.term, mechanism=ByTool(tools, law)), current)
+        if one is not None and one.bic < score.bic - _CLEARLY:
+            found[one.term.mechanism] = one
     return dict(sorted(found.items(), key=lambda each: each[1].bic))
 
 
 def of_fewer_quantities(library: Library, noise: Noise, current: Basis, score: Score) -> Score:
-    """A product without the factors without which it is as likely: a sign that never turns where the rest acts."""
+    """A product without the factors without which it is as likely: a sign that never turns where the rest acts; and a
+    law of some tools without those of which it says nothing."""
     law = score.term.mechanism
-    if isinstance(law, Formula) and len(law.factors) > 1:
+    if (isinstance(law, Formula) and len(law.factors) > 1) or isinstance(law, ByTool):
         for fewer in law.of_fewer():
             found = library.score(replace(score.term, mechanism=fewer), current)
             if found is not None and found.bic < score.bic + _ALIKE and not is_known(library, noise, found):

@@ -176,8 +176,8 @@ def _drawn(term: Term, amplitudes: Float1D) -> _Drawn | None:
             return _Drawn(place, signal)
         case Eased(by=by, signal=signal) | Resonant(by=by, signal=signal):
             return _Drawn(by, signal)
-        case ByTool(signal=signal):
-            return _Drawn(signal, TOOL)
+        case ByTool(law=law):
+            return _Drawn(law.factors[0][0], TOOL)
         case Late() as late:
             name, form = late.driver
             second = {Modulated: "signal", Warped: "place"}.get(type(late), "")

@@ -9,7 +9,8 @@ from pido.core.errors import DiagnosisError
 from pido.core.part import PartInfo, PartTool
 from pido.core.recording import Recording
 from pido.diagnosis.arms import Arm
-from pido.diagnosis.models import AxisModel, as_json, axis_models
+from pido.diagnosis.formulas import Formula
+from pido.diagnosis.models import AxisModel, _mechanism, as_json, axis_models
 from pido.diagnosis.signals import common_signals, signals
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import fit
@@ -91,6 +92,7 @@ def test_where_all_parts_begin_at_one_place_there_is_no_place_beside_it():
     np.testing.assert_allclose(signals(one[1], ["from_y"])["from_y"][0], one[1].places["y"])
 
 
+MASS = Formula((("a_x", "u"),), "(mm/s²)")
 SIZES = {"3": -0.8, "8": 0.1, "20": 1.3}
 
 
@@ -100,9 +102,23 @@ def by_tool(state):
 
 def test_a_mass_that_the_simulation_has_wrong_of_each_tool_is_one_law():
     term, sizes = found(by_tool, milled, strength=1.0)
-    assert term.mechanism == ByTool(("20", "3", "8"), "a_x", "mm/s²")
+    assert term.mechanism == ByTool(("20", "3", "8"), MASS)
     np.testing.assert_allclose(sizes, [1.3, -0.8, 0.1], atol=0.12)
     assert term.mechanism.conditions("x", {})[0].endswith("each of the tools 20, 3 and 8 has for itself")
+
+
+def test_a_product_of_two_quantities_with_one_tool_alone_is_one_law():
+    term, (size,) = found(lambda s: (s.tool_id == "8") * s.a * np.abs(s.others["y"].v), milled)
+    law = term.mechanism
+    assert isinstance(law, ByTool)
+    assert (law.tools, law.reads) == (("8",), {"a_x", "v_y"})
+    assert size == pytest.approx(1.0, rel=0.2)
+    assert law.conditions("x", {})[0].endswith("while tool 8 is in the spindle")
+
+
+def test_a_model_of_before_has_one_quantity_for_each_tool():
+    own = {"tools": ["3", "8"], "carries": "a_x", "unit": "mm/s²", "form": "u"}
+    assert _mechanism(own) == ByTool(("3", "8"), MASS)
 
 
 def test_a_tool_that_no_other_part_had_says_nothing():
@@ -119,7 +135,7 @@ def test_a_tool_that_no_other_part_had_says_nothing():
 
 
 def test_a_part_that_does_not_say_its_tool_is_refused_and_the_only_tool_of_a_part_is_known():
-    law = ByTool(("3", "8"), "a_x", "mm/s²")
+    law = ByTool(("3", "8"), MASS)
     (silent,) = axis_states([part(0)], "x")
     with pytest.raises(DiagnosisError, match=r"part p0: .* does not say which tool .* tool_id"):
         law.regressors(silent)
