@@ -24,6 +24,7 @@ from pido.diagnosis.terms import Term, held_back, solve, solve_normal
 from pido.diagnosis.whiten import Noise
 
 SIGNIFICANT = 0.01  # q value, over every axis, mechanism and shape that was tried
+LESS_WHERE_WRONG = 0.045  # of the error where a wrong coefficient or a shift in time acts: three tenths of the noise
 _DRAWS = 400
 _MANY_BLOCKS = 30  # beyond which Student's t of their number is nearly normal
 _OF_A_BASE = 1e-3  # of the power of a term of the equation, by which it is drawn to zero in folds

@@ -28,6 +28,7 @@ from pido.diagnosis.baseline import equation_inputs, equation_names, equation_ro
 from pido.diagnosis.beyond import ranges, ranges_of_columns
 from pido.diagnosis.comparable import comparable_axes, in_order, moving_s, without_empty, without_wild
 from pido.diagnosis.confirm import (
+    LESS_WHERE_WRONG,
     SIGNIFICANT,
     even,
     forces_among,
@@ -67,7 +68,6 @@ _WORTH_PROCESSES = 100_000  # rows times axes, above which each axis gets a proc
 Result = TypeVar("Result")
 _LESS_ERROR = 0.998  # of the error on unseen folds that has to be left at most with a finding
 _LESS_WHERE = 0.015  # of the error where a finding acts, that it has to take away there: a sixth of half the noise does
-_LESS_WHERE_WRONG = 0.045  # the same of a wrong coefficient: three tenths of the noise do; no simulation is exact
 _CLEARLY_LESS_THERE = 0.9  # of the error where a finding acts, that may be left where it acts too seldom to tell in all
 _BY_CHANCE = 0.05  # one-sided p of the paired test, above which unseen parts do not show what acts too seldom to tell
 _PLAIN_IS_BETTER = 0.99  # of the error on unseen folds: below it, amplitudes are those of ordinary least squares
@@ -369,7 +369,7 @@ def proved(
         proofs = [held_out(full, noise, kept, without(kept, i), recorded) for i in range(len(kept))]
         amplitudes = fit(full, noise, kept).amplitudes
         acts = [acting(full, a @ t.columns(full.states)) for t, a in zip(kept, amplitudes, strict=True)]
-        lesser = [_LESS_WHERE_WRONG if t.name.startswith("miscalibrated:") else _LESS_WHERE for t in kept]
+        lesser = [LESS_WHERE_WRONG if t.name.startswith("miscalibrated:") else _LESS_WHERE for t in kept]
         least = [min(_LESS_ERROR, 1 - less * float(np.mean(rows))) for less, rows in zip(lesser, acts, strict=True)]
         seldom = [i for i, p in enumerate(proofs) if not p.rmse_after < least[i] * p.rmse_before]
         idle = [

@@ -12,10 +12,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pido.diagnosis.confirm import even, plain_error
+from pido.diagnosis.confirm import LESS_WHERE_WRONG, even, plain_error
 from pido.diagnosis.datafaults import Limits
 from pido.diagnosis.forms import AS_GOOD
 from pido.diagnosis.identify import Answer, noise_of
+from pido.diagnosis.misfit import acting
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.search import Look, best_gain, first_look, search
 from pido.diagnosis.terms import fit
@@ -93,12 +94,26 @@ def no_worse(again: Answers, former: Answers) -> bool:
 
 
 def _common(left: Mapping[str, tuple[Mismatch, Noise]], looks: Mapping[str, Look], each: Each) -> Delay | None:
-    """Of what is left on every axis, and how loud it is, if it says more than one more mechanism on each would."""
+    """Of what is left on every axis, and how loud it is, if it says more than one more mechanism on each would, and
+    enough to be no more than what a simulation lacks anyway."""
 
     def rivals() -> Mapping[str, float]:
         return each(_gain_of_one, {a: (*left[a], k) for a, k in looks.items()}, "beside a shift in time:")
 
-    return find_delay({a: m for a, (m, _) in left.items()}, {a: n for a, (_, n) in left.items()}, rivals)
+    delay = find_delay({a: m for a, (m, _) in left.items()}, {a: n for a, (_, n) in left.items()}, rivals)
+    return (
+        delay
+        if delay is not None and any(_shows(m, delay) for a, (m, _) in left.items() if a in delay.by_axis)
+        else None
+    )
+
+
+def _shows(mismatch: Mismatch, delay: Delay) -> bool:
+    """Whether less error is left without a delay, in the rows in which it acts, than no simulation is exact by."""
+    moved = in_time(mismatch, delay)
+    rows = acting(mismatch, mismatch.target - moved.target) & moved.usable
+    before, after = (float(np.sum(m.target[rows] ** 2)) for m in (mismatch, moved))
+    return after < (1 - LESS_WHERE_WRONG) ** 2 * before
 
 
 def _moved(looks: Mapping[str, Look], limits: Mapping[str, Limits], delay: Delay, each: Each) -> dict[str, Look]:

@@ -8,15 +8,16 @@ import pytest
 
 from pido.core.part import PartInfo
 from pido.core.recording import Recording
+from pido.diagnosis.clocks import Form
 from pido.diagnosis.correct import correct, own_shift
 from pido.diagnosis.diagnose import diagnose
-from pido.diagnosis.in_time import no_worse
+from pido.diagnosis.in_time import _shows, no_worse
 from pido.diagnosis.mismatch import lay_out
 from pido.diagnosis.search import Look, best_gain
 from pido.diagnosis.select import grid_terms
 from pido.diagnosis.state import axis_states
 from pido.diagnosis.terms import Term
-from pido.diagnosis.timing import find_delay, sharpened, shift_target
+from pido.diagnosis.timing import Delay, find_delay, sharpened, shift_target
 from pido.diagnosis.whiten import Noise
 from pido.reports.diagnosis import verdict
 from tests.diagnosis.feeds import BY_ID, NOISE, laid_out, recordings
@@ -71,6 +72,15 @@ def _late_by(*offsets):
         seen = np.interp(t - late, t, sim) + rng.normal(0, NOISE, len(t))
         kept = {k: v for k, v in recording.columns.items() if not k.endswith("_sp") and "_sp_" not in k}
         yield Recording(recording.part, kept | {"curr_x": seen})
+
+
+@pytest.mark.parametrize(("late", "shows"), [(0.0006, False), (0.003, True)])
+def test_a_shift_that_changes_hardly_more_than_a_simulation_lacks_is_none(late, shows):
+    """Three tenths of the noise, where it acts, is what counts."""
+    states = axis_states(list(_late_by(*[late] * 4)), "x")
+    mismatch = lay_out(states, [s.curr - s.sim for s in states])
+    delay = Delay((late,) * 4, 0.0, (1e-5, 0.0), 1e3, {"x": 1e3}, (1e-5,) * 4, Form(common=True))
+    assert _shows(mismatch, delay) == shows
 
 
 @pytest.mark.thorough
