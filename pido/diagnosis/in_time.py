@@ -101,11 +101,9 @@ def _common(left: Mapping[str, tuple[Mismatch, Noise]], looks: Mapping[str, Look
         return each(_gain_of_one, {a: (*left[a], k) for a, k in looks.items()}, "beside a shift in time:")
 
     delay = find_delay({a: m for a, (m, _) in left.items()}, {a: n for a, (_, n) in left.items()}, rivals)
-    return (
-        delay
-        if delay is not None and any(_shows(m, delay) for a, (m, _) in left.items() if a in delay.by_axis)
-        else None
-    )
+    if delay is None or not any(_shows(left[axis][0], delay) for axis in delay.by_axis):
+        return None
+    return delay
 
 
 def _shows(mismatch: Mismatch, delay: Delay) -> bool:

@@ -44,7 +44,7 @@ from pido.diagnosis.identify import (
     select_terms,
 )
 from pido.diagnosis.library import Library, basis, plausible
-from pido.diagnosis.loop import loop_of
+from pido.diagnosis.loop import longest, loop_of
 from pido.diagnosis.mechanisms import CATALOGUE
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.one_law import one_law
@@ -115,9 +115,7 @@ def search(look: Look, axes: int, timed: bool, rng: np.random.Generator) -> Answ
     the same behind a lag, all is asked again behind it. Where the simulation has a loop, what it lacks passes the same.
     """
     answer = _search(look, axes, timed, rng)
-    loop = loop_of(look.mismatch, answer.terms)
-    if not loop:
-        loop = max((part.term.loop for part in look.inside.values()), key=lambda each: each.lag, default=loop)
+    loop = loop_of(look.mismatch, answer.terms) or longest(part.term.loop for part in look.inside.values())
     if loop and (answer.terms or _anything(look, loop)):
         late = _search(look, axes, timed, rng, loop)
         if not answer.terms or _as_good(look.mismatch, late.terms, answer.terms):

@@ -93,8 +93,8 @@ def by_tool(axis: str, known: Known, few: Coarse, states: Sequence[AxisState]) -
 
 def tools_of(states: Sequence[AxisState]) -> tuple[str, ...]:
     """The tools that two parts have used; none where these are fewer than two, or a part does not say its tools."""
-    used = [s.tool_id for s in states]
-    if any(tool is None for tool in used):
+    used = [s.tool_id for s in states if s.tool_id is not None]
+    if len(used) < len(states):
         return ()
     parts = Counter(str(tool) for each in used for tool in set(each) if tool != "")
     tools = tuple(sorted(tool for tool, count in parts.items() if count >= _FEWEST_PARTS))

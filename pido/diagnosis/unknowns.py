@@ -42,7 +42,9 @@ def recording_of_unknown(term: Term, states: Sequence[AxisState]) -> str:
         size = np.abs(known.get(name, np.zeros(1)))
         texts.append(recording_that_shows(name, float(np.min(size[size > 0], initial=np.inf)), float(np.max(size))))
     if isinstance(term.mechanism, ByTool):
-        texts.append(f"the same program with each of the tools {', '.join(term.mechanism.tools)}, also in the air")
+        *others, last = term.mechanism.tools
+        used = f"each of the tools {', '.join([*others, last])}" if others else f"tool {last} and with another"
+        texts.append(f"the same program with {used}, also in the air")
     wanted = "; and ".join(dict.fromkeys(filter(None, texts)))
     if not wanted:
         return ""
