@@ -51,7 +51,7 @@ class ByTool(Unnamed):
         return tuple(Parameter(f"k_{tool}", ampere_per(self.law.unit)) for tool in self.tools)
 
     def conditions(self, axis: str, shape: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
-        product = " * ".join(written(*factor) for factor in self.law.factors)
+        product = " times ".join(written(*factor) for factor in self.law.factors)
         if len(self.tools) == 1:
             return f"with {product}, while tool {self.tools[0]} is in the spindle", ()
         named = f"{', '.join(self.tools[:-1])} and {self.tools[-1]}"

@@ -168,7 +168,7 @@ class Loop:
         """Signals behind it, as `answered_late` one after another. values : (k, n); time : (n,), s. Returns (k, n).
 
         >>> Loop(2.0, 2).answered(np.array([[0.0, 1.0, 1.0, 1.0]]), np.arange(4.0)).round(3).tolist()
-        [[0.0, 0.135, 0.461, 0.71]]
+        [[0.0, 0.135, 0.429, 0.697]]
         """
         for _ in range(self.lags if self else 0):
             values = answered_late(values, time, self.lag / self.lags)
