@@ -95,7 +95,7 @@ def no_worse(again: Answers, former: Answers) -> bool:
 
 def _common(left: Mapping[str, tuple[Mismatch, Noise]], looks: Mapping[str, Look], each: Each) -> Delay | None:
     """Of what is left on every axis, and how loud it is, if it says more than one more mechanism on each would, and
-    enough to be no more than what a simulation lacks anyway."""
+    more than what a simulation lacks anyway."""
 
     def rivals() -> Mapping[str, float]:
         return each(_gain_of_one, {a: (*left[a], k) for a, k in looks.items()}, "beside a shift in time:")

@@ -42,8 +42,8 @@ def recording_of_unknown(term: Term, states: Sequence[AxisState]) -> str:
         size = np.abs(known.get(name, np.zeros(1)))
         texts.append(recording_that_shows(name, float(np.min(size[size > 0], initial=np.inf)), float(np.max(size))))
     if isinstance(term.mechanism, ByTool):
-        *others, last = term.mechanism.tools
-        used = f"each of the tools {', '.join([*others, last])}" if others else f"tool {last} and with another"
+        named = ", ".join(term.mechanism.tools)
+        used = f"each of the tools {named}" if len(term.mechanism.tools) > 1 else f"tool {named} and with another"
         texts.append(f"the same program with {used}, also in the air")
     wanted = "; and ".join(dict.fromkeys(filter(None, texts)))
     if not wanted:

@@ -41,27 +41,16 @@ def size_of(loop):
     return found.parameters[0]["F_v"], 4.0 * NOISE / np.std(effect)
 
 
-def lags(count):
-    """A loop of equal lags one after another, of that time in all."""
-
-    def loop(values, time):
-        for _ in range(count):
-            values = answered_late(values, time, TIME_S / count)
-        return values
-
-    return loop
-
-
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_the_interval_of_a_size_holds_whatever_the_form_of_the_loop(count):
-    size, true = size_of(lags(count))
+    size, true = size_of(Loop(TIME_S, count).answered)
     assert size.ci95[0] < true < size.ci95[1]
     assert size.ci95[1] - size.ci95[0] < 0.4 * true
 
 
 def test_without_that_room_it_would_not(monkeypatch):
     monkeypatch.setattr(estimates, "_FORM_OF_LOOP", 0.0)
-    size, true = size_of(lags(3))
+    size, true = size_of(Loop(TIME_S, 3).answered)
     assert not size.ci95[0] < true < size.ci95[1]
 
 
@@ -83,7 +72,7 @@ def test_a_lag_that_is_too_short_to_be_seen_is_none(true_s, found_s, stays):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_a_loop_has_as_many_lags_as_say_more(count):
-    library, noise = planted(lambda s: lags(count)(s.v[None], s.time)[0], strength=8.0, change=quick)
+    library, noise = planted(lambda s: Loop(TIME_S, count).answered(s.v[None], s.time)[0], strength=8.0, change=quick)
     (term,) = answered(library.mismatch, noise, [Term(VISCOUS)])
     assert term.loop.lags == count
     assert term.lag == pytest.approx(TIME_S, rel=0.05)
