@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
-from pido.diagnosis.lateness import Late, shifted
+from pido.diagnosis.lateness import Late, Seen, curved
 from pido.diagnosis.mismatch import Mismatch, averaged, take_rows
 from pido.diagnosis.whiten import Noise
 
@@ -25,7 +25,8 @@ _TURNS = 4  # of Gauss-Newton
 _PRICE = 12.0  # of the likelihood, 2 log, that each number of a delay is to add
 _SPAN_S = 0.25  # that errors are summed over to see in which stretch a shift explains something
 
-Moved = Callable[[Float1D, Float1D, Late], Float1D]
+Moved = Callable[[Float1D, Float1D], Seen]
+"""(time, values) -> the signal as it is seen later."""
 
 
 @dataclass(frozen=True)
@@ -122,14 +123,18 @@ class Strip:
         self.counted = int(self.weights.valid.sum())
         width = max(1, round(_SPAN_S / m.step))
         self.spans = np.arange(0, len(self.time), width)
+        self.seen = seen_late(m, self.part, self.moved, self.fine)
         self.known: dict[Late, tuple[float, Float1D]] = {}
+        self.latest: tuple[Late, tuple[Float1D, Float1D, Bool1D]] | None = None
         self.still = self.white(Late()) ** 2
 
     def left(self, late: Late) -> tuple[Float1D, Float1D, Bool1D]:
         """(n,) each – the simulated current when moved, A; what the recording has more; which rows may be used."""
-        moved = seen_late(self.mismatch, self.part, late, self.moved, self.fine)
-        use = self.usable & within(self.mismatch, self.part, late)
-        return moved, np.where(use, self.recorded - moved, 0.0), use
+        if self.latest is None or self.latest[0] != late:
+            moved = self.seen(late)
+            use = self.usable & within(self.mismatch, self.part, late)
+            self.latest = late, (moved, np.where(use, self.recorded - moved, 0.0), use)
+        return self.latest[1]
 
     def white(self, late: Late) -> Float1D:
         """(n,) – what is left, whitened."""
@@ -174,11 +179,11 @@ class Strip:
 class Likelihood:
     """Of the delays of some axes under some weights.
 
-    moved : (time, values, late) -> (n,), the signal as it is seen later; fine : before rows are averaged
+    fine : moved before rows are averaged
     """
 
     def __init__(
-        self, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], moved: Moved = shifted, fine: bool = False
+        self, axes: Mapping[str, Mismatch], noises: Mapping[str, Noise], moved: Moved = curved, fine: bool = False
     ):
         self.axes, self.noises = axes, noises
         self.parts = len(next(iter(axes.values())).states)
@@ -287,17 +292,17 @@ class Likelihood:
         return np.array([part, self.parts, *(self.parts + 1 + s for s in clock.steps_of(part))])
 
 
-def seen_late(mismatch: Mismatch, part: int, late: Late, moved: Moved = shifted, fine: bool = False) -> Float1D:
-    """(n,), A – the simulated current of a part as it is seen later.
+def seen_late(mismatch: Mismatch, part: int, moved: Moved = curved, fine: bool = False) -> Seen:
+    """The simulated current of a part, A, as it is seen later.
 
     fine : moved before rows are averaged, not after: what means lose between them looks like a part of a shift
     """
-    i, j = int(mismatch.edges[part]), int(mismatch.edges[part + 1])
-    if not late:
-        return mismatch.simulated[i:j]
+    simulated = mismatch.simulated[int(mismatch.edges[part]) : int(mismatch.edges[part + 1])]
     if fine and mismatch.fine:
-        return averaged(moved(*mismatch.fine[part], late), mismatch.stride)
-    return moved(mismatch.states[part].time, mismatch.simulated[i:j], late)
+        each = moved(*mismatch.fine[part])
+        return lambda late: averaged(each(late), mismatch.stride) if late else simulated
+    seen = moved(mismatch.states[part].time, simulated)
+    return lambda late: seen(late) if late else simulated
 
 
 def within(mismatch: Mismatch, part: int, late: Late) -> Bool1D:

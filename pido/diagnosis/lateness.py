@@ -6,6 +6,7 @@ Out: seconds per row; the moved signal.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,21 +42,32 @@ class Late:
         return late
 
 
+Seen = Callable[[Late], Float1D]
+"""A signal, (n,), as it is seen so much later."""
+
+
 def shifted(time: Float1D, values: Float1D, late: Late) -> Float1D:
-    """The signal as it is seen `late`; held at the ends.
+    """The signal as it is seen `late`; held at the ends."""
+    return curved(time, values)(late)
+
+
+def curved(time: Float1D, values: Float1D) -> Seen:
+    """The signal as it is seen at any time, held at the ends.
 
     Between samples by cubics that hardly overshoot beside a step (Akima 1970, as modified in scipy): straight lines
     and monotone cubics cut the peaks, and what is cut then looks like a part of the shift.
     """
     good = np.isfinite(values)
     if np.sum(good) < 2:
-        return values
+        return lambda late: values
     first, last = time[good][0], time[good][-1]
     curve = Akima1DInterpolator(time[good], values[good], method="makima")
-    return curve(np.clip(time - late.at(time), first, last))
+    return lambda late: curve(np.clip(time - late.at(time), first, last))
 
 
-def straight(time: Float1D, values: Float1D, late: Late) -> Float1D:
-    """As `shifted`, with straight lines between samples."""
+def straight(time: Float1D, values: Float1D) -> Seen:
+    """As `curved`, with straight lines between samples."""
     good = np.isfinite(values)
-    return np.interp(time - late.at(time), time[good], values[good]) if good.any() else values
+    if not good.any():
+        return lambda late: values
+    return lambda late: np.interp(time - late.at(time), time[good], values[good])

@@ -12,7 +12,6 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_opening
 
 from pido.core.arrays import Bool1D, Float1D
 
@@ -78,11 +77,10 @@ def long_faults(time: Float1D, pos: Float1D, v: Float1D, a: Float1D, known: Bool
     if apart.sum() > _MOST * says.sum():
         return []
     belongs = says & (lost < 0.5 * most)
-    lasts = binary_opening(_joined(apart, belongs), np.ones(round(_LASTS_S / dt)))
     rate = np.abs(gap) / np.maximum(step, dt)
     out = []
-    edges = np.flatnonzero(np.diff(np.r_[False, lasts, False].astype(np.int8)))
-    stretches = list(zip(edges[::2], edges[1::2], strict=True))
+    edges = np.flatnonzero(np.diff(np.r_[False, _joined(apart, belongs), False].astype(np.int8)))
+    stretches = [(i, j) for i, j in zip(edges[::2], edges[1::2], strict=True) if j - i >= round(_LASTS_S / dt)]
     away = np.ones(len(rate), bool)
     for i, j in stretches:
         away[max(i - width, 0) : j + width] = False

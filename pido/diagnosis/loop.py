@@ -46,8 +46,11 @@ def answered(mismatch: Mismatch, noise: Noise, terms: Sequence[Term]) -> list[Te
         return list(terms)
     if loop:
         return _of_as_many_lags(mismatch, noise, list(terms))
-    late = _of_as_many_lags(mismatch, noise, settle_shapes(mismatch, noise, _behind_one(mismatch, noise, terms)[1]))
-    gain = fit(mismatch, noise, terms).bic - fit(mismatch, noise, late).bic - np.log(mismatch.n)
+    late, at_once = settle_shapes(mismatch, noise, _behind_one(mismatch, noise, terms)[1]), fit(mismatch, noise, terms)
+    if fit(mismatch, noise, late).rss >= at_once.rss:
+        return list(terms)  # where one lag takes nothing away, two do not
+    late = _of_as_many_lags(mismatch, noise, late)
+    gain = at_once.bic - fit(mismatch, noise, late).bic - np.log(mismatch.n)
     return late if gain > LEAST_GAIN and less_error(mismatch, late, terms, _LESS) else list(terms)
 
 

@@ -192,7 +192,7 @@ def shift_target(mismatch: Mismatch, delay: Delay) -> Mismatch:
     usable = mismatch.usable & np.concatenate([within(mismatch, k, late) for k, late in lates])
     starts = mismatch.starts | ~usable
     starts[1:] |= ~usable[:-1]
-    moved = np.concatenate([seen_late(mismatch, k, late, fine=True) for k, late in lates])
+    moved = np.concatenate([seen_late(mismatch, k, fine=True)(late) for k, late in lates])
     target = np.where(usable, mismatch.target + mismatch.simulated - moved, 0.0)
     return replace(mismatch, target=target, before_moving=mismatch.target, usable=usable, starts=starts)
 
