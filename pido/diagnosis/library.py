@@ -30,6 +30,8 @@ from pido.diagnosis.whiten import Noise
 from pido.physics.drive import AT_ONCE, Loop
 
 COLLINEAR = 1e-3  # share of a regressor's power that must be left once the terms already chosen are taken out of it
+_FEW = 3  # columns that may be a line or a parabola
+_DEPENDENT = 1e-6  # of its length, that a column has beside those before it where they are the same
 _LIMITS_TRIED = 60  # limits of a region that a search looks at per step
 _FEW_ROWS = 100  # in either direction, below which the sign of a current is taken as it comes
 _CLEARLY_NEGATIVE = 0.2  # of the current's root mean square
@@ -79,9 +81,9 @@ class Library:
         self.varies: list[bool] = []  # whether a term takes more than one value
         self.spans: list[tuple[int, int]] = []
         self.rows = np.zeros((0, mismatch.n), np.float32)
-        # Of laws without a name, under one noise: what they are looked for from, and those found beside nothing.
+        # Of laws without a name, under one noise: what they are looked for from, and those found beside which terms.
         self.ground: Ground | None = None
-        self.nameless: tuple[Noise, list[Score]] | None = None
+        self.nameless: dict[tuple[Term, ...], Nameless] = {}
         self.take(terms)
 
     def on(self, mismatch: Mismatch) -> Library:
@@ -199,12 +201,13 @@ class Library:
     def score(self, term: Term, current: Basis) -> Score | None:
         """The same for one term anywhere in its shape space."""
         assert self.noise is not None
-        columns = self.columns(term)
+        columns, turned = told_apart(term, self.columns(term))
         # A cube of a jerk is beyond what single precision holds; by powers of two nothing is rounded.
         size = np.exp2(np.frexp(np.max(np.abs(columns), axis=1, initial=0.0))[1].astype(float))
         rows = self.noise.whiten((columns / size[:, None]).astype(np.float32))
         gram, onto, inner = rows @ rows.T, rows @ current.Q32.T, rows @ current.residual32
-        return self._score(term, gram * np.outer(size, size), onto * size[:, None], inner * size, current)
+        found = self._score(term, gram * np.outer(size, size), onto * size[:, None], inner * size, current)
+        return found if found is None or turned is None else replace(found, amplitudes=turned @ found.amplitudes)
 
     def _score(self, term: Term, gram: Float2D, onto: Float2D, inner: Float1D, current: Basis) -> Score | None:
         own = np.diag(gram)
@@ -232,6 +235,15 @@ class Library:
     def _scored(self, term: Term, gain: float, beta: Float1D, rank: int, current: Basis) -> Score:
         free = current.free + rank + term.free
         return Score(term, gain, bic(current.rss - gain, current.n, free) + current.searched + self.charge(term), beta)
+
+
+@dataclass(frozen=True)
+class Nameless:
+    """Laws without a name that say most beside some terms, each in the shape that was looked at first, and the best of
+    them all; the likeliest first."""
+
+    laws: list[Score]
+    best: list[Score]
 
 
 @dataclass(frozen=True)
@@ -288,6 +300,21 @@ def orthonormal(X: Float2D) -> Float2D:
     # A second pass restores orthogonality that the Gram matrix of a badly conditioned set loses.
     values, vectors = np.linalg.eigh(Q @ Q.T)
     return (vectors / np.sqrt(values)).T @ Q
+
+
+def told_apart(term: Term, columns: Float2D) -> tuple[Float2D, Float2D | None]:
+    """The columns of a law without a name as orthogonal ones, and what takes their amplitudes back to its own; None
+    where they are its own.
+
+    k_0 + k_1 pos is a line, wherever on the machine its places are: far from zero both columns are nearly alike.
+    """
+    if term.name != "unknown" or not 1 < len(columns) <= _FEW or not columns.any(axis=1).all():
+        return columns, None
+    size = np.sqrt(np.einsum("ij,ij->i", columns, columns))
+    Q, R = np.linalg.qr((columns / size[:, None]).T)
+    if np.min(np.abs(np.diag(R))) < _DEPENDENT:
+        return columns, None
+    return Q.T, np.linalg.inv(R) / size[:, None]
 
 
 def _used(term: Term, columns: NDArray[np.float32]) -> NDArray[np.float32]:

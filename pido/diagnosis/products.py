@@ -50,12 +50,14 @@ class QuickLaws:
     """The formulas and arms of one axis, by what they take away from whitened rows.
 
     known : `common_signals` of the axis, (n,) each; seed : of the random signs
+    within : (n,) – how much of each row lies in the box in which the laws act; everywhere, where it is not given
     """
 
     axis: str
     known: Known
     noise: Noise
     seed: int = 0
+    within: Float1D | None = None
 
     @cached_property
     def _offered(self) -> list[Formula]:
@@ -85,7 +87,8 @@ class QuickLaws:
         return np.array([self._inner(s) for s in self._columns])
 
     def _back(self, whitened: Float1D) -> NDArray[np.float32]:
-        return (self._whitening.T @ whitened).astype(np.float32)
+        back = self._whitening.T @ whitened
+        return (back if self.within is None else back * self.within).astype(np.float32)
 
     def _inner(self, weights: NDArray[np.float32]) -> _Matrix:
         """(factors, factors) – of every product with a column."""

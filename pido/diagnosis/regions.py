@@ -9,7 +9,7 @@ shape: so every shape of every mechanism is asked in every box of a coarse grid,
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +31,7 @@ from pido.diagnosis.boxes import (
 )
 from pido.diagnosis.formulas import LEVEL, factor_on_current
 from pido.diagnosis.gates import EITHER_WAY, Gate
-from pido.diagnosis.library import Basis, Library, Score, of_themselves
+from pido.diagnosis.library import Basis, Library, Score, of_themselves, told_apart
 from pido.diagnosis.select import refine
 from pido.diagnosis.terms import Term
 
@@ -103,6 +103,40 @@ def with_own_limits(library: Library, current: Basis, term: Term) -> Term:
     return _to_the_row(library, current, _settle(library, current, score, space), space).term
 
 
+def in_its_best_box(library: Library, current: Basis, scores: Iterable[Score]) -> Score | None:
+    """The likeliest of some laws, each in its best box; None where all are best everywhere."""
+    space = library.space
+    if space is None:
+        return None
+    boxed = (_in_its_box(library, current, s, space.fine) for s in scores)
+    return _settled(library, current, [s for s in boxed if s.term.gates], space)
+
+
+def with_best_limits(library: Library, current: Basis, laws: Sequence[Term], gates: tuple[Gate, ...]) -> Score | None:
+    """The likeliest of some laws in a box, or in one without the limits of one variable; each limit between the two
+    rows between which it fits best."""
+    space = library.space
+    assert space is not None
+    found = []
+    for some in _without_one(gates):
+        scores = (library.score(replace(law, gates=some), current) for law in laws)
+        found.append(_settled(library, current, [s for s in scores if s is not None], space))
+    best = min((s for s in found if s is not None), key=_price, default=None)
+    return best and _with_fewer(library, current, _to_the_row(library, current, best, space), space, _SHARES)
+
+
+def _settled(library: Library, current: Basis, scores: Iterable[Score], space: Space) -> Score | None:
+    """The likeliest that is confined, once the limits of a few are settled."""
+    few = heapq.nsmallest(_FINALISTS, scores, key=_price)
+    settled = (_settle(library, current, s, space) for s in few)
+    return min((s for s in settled if s.term.gates), key=_price, default=None)
+
+
+def _without_one(gates: tuple[Gate, ...]) -> list[tuple[Gate, ...]]:
+    """All limits, and those of all variables but one."""
+    return [gates, *(tuple(g for g in gates if g.variable != v) for v in dict.fromkeys(g.variable for g in gates))]
+
+
 def _grid_of(space: Space, term: Term) -> Grid:
     """The boxes between the limits of a term."""
     limits = {v: np.unique([_limit(g) for g in term.gates if g.variable == v]) for v in space.variables}
@@ -116,15 +150,13 @@ def _best_on(space: Space, grid: Grid, library: Library, current: Basis, taken: 
         if score is not None and (term.name not in best or score.bic < best[term.name].bic):
             best[term.name] = score
     boxed = [_in_its_box(library, current, score, space.fine) for score in best.values()]
-    boxed = [_sharpen(library, current, score, space) for score in boxed]
-    settled = [_settle(library, current, s, space) for s in heapq.nsmallest(_FINALISTS, boxed, key=_price)]
-    return min((s for s in settled if s.term.gates), key=_price, default=None)
+    return _settled(library, current, [_sharpen(library, current, score, space) for score in boxed], space)
 
 
 def _in_its_box(library: Library, current: Basis, score: Score, fine: Grid) -> Score:
     """The same term in the box of a fine grid in which it takes away most, all limits at once, if that is better."""
     assert library.noise is not None
-    plain = _there(library.columns(replace(score.term, gates=()))).astype(np.float32)
+    plain = told_apart(score.term, _there(library.columns(replace(score.term, gates=()))))[0].astype(np.float32)
     rows = of_unit_length(of_themselves(library.noise, library.noise.whiten(plain), plain))
     gain = _gains(library, score.term, fine, rows, current.residual32, own_products(fine, rows))
     box, _ = _best_box(current, gain, fine, _charge_of_limit(library, current))
@@ -340,7 +372,7 @@ def _best_interval(
     late to what is inside: rows pass it once they are in their classes.
     """
     others = tuple(g for g in score.term.gates if g.variable != variable)
-    columns = _there(library.columns(replace(score.term, gates=others).at_once()))
+    columns = told_apart(score.term, _there(library.columns(replace(score.term, gates=others).at_once())))[0]
     k, part = len(columns), space.between(variable, limits)
     each = vstack([csr_array((part.data * c[part.indices], part.indices, part.indptr), part.shape) for c in columns])
     whitened = csr_array(each @ (library.whitening_late if score.term.loop else library.whitening).T)

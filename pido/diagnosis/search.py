@@ -55,6 +55,7 @@ from pido.diagnosis.select import shortlist_of
 from pido.diagnosis.terms import Component, Term, fit, solve, without
 from pido.diagnosis.unnamed import best_nameless, with_unknown
 from pido.diagnosis.whiten import Averaged, Noise
+from pido.diagnosis.within import nameless_within
 from pido.physics.drive import AT_ONCE, Loop
 
 _BEYOND_WRONG = 1.5  # times its share of the simulated current, above which a mechanism was not in it for what it is
@@ -187,6 +188,7 @@ def _search(look: Look, axes: int, timed: bool, rng: np.random.Generator, loop: 
     for better in (likelier, fewest, likelier, plainest, one_law):
         terms = _renamed(library, noise, better(library, noise, terms), terms, answer, questions)
     terms = _renamed(library, noise, repeating(mismatch, noise, terms), terms, answer, questions)
+    terms = _renamed(library, noise, nameless_within(library, noise, terms), terms, answer, questions)
     terms = _missing(library, noise, terms, look.inside)
     if terms:
         others = set(_not_timing(look.offered) if timed else look.offered).difference(names)

@@ -40,7 +40,7 @@ from pido.diagnosis.latched import Latched, Switched, latched_terms, switched_te
 from pido.diagnosis.late import SHORTEST_S, Behind, Fading, Modulated, late_terms
 from pido.diagnosis.late_arms import late_arms
 from pido.diagnosis.late_eased import eased_lately
-from pido.diagnosis.library import Basis, Library, Score, basis
+from pido.diagnosis.library import Basis, Library, Nameless, Score, basis
 from pido.diagnosis.mechanisms.base import Mechanism
 from pido.diagnosis.mismatch import Mismatch
 from pido.diagnosis.patches import patch_terms
@@ -93,7 +93,7 @@ def with_unknown(library: Library, noise: Noise, terms: list[Term], seed: int) -
     nothing = basis(library, noise, [])
     best_terms, best = terms, _charged(library, noise, terms)
     for start in (terms, []) if terms else (terms,):
-        for found in best_nameless(library, noise, start) if start else _beside_nothing(library, noise):
+        for found in best_nameless(library, noise, start):
             trial = _needed(library, noise, start, found.term)
             instead = library.score(found.term, basis(library, noise, trial[:-1]))
             if instead is not None and is_known(library, noise, instead):
@@ -206,10 +206,27 @@ def _needed(library: Library, noise: Noise, named: Sequence[Term], unnamed: Term
 
 def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
     """The best law without a name, and a curve or surface over the same quantities where that is clearly better."""
+    return _looked_for(library, noise, tuple(start)).best
+
+
+def laws_beside(library: Library, noise: Noise, start: Sequence[Term]) -> list[Score]:
+    """The laws without a name that say most, each in the shape that was looked at first, the likeliest first."""
+    return _looked_for(library, noise, tuple(start)).laws
+
+
+def _looked_for(library: Library, noise: Noise, start: tuple[Term, ...]) -> Nameless:
+    """Asked once for terms and a noise: when terms have fallen, it is asked again beside the same or nothing."""
+    ground = ground_of(library, noise)
+    if start not in library.nameless:
+        library.nameless[start] = _nameless(library, noise, start, ground)
+    return library.nameless[start]
+
+
+def _nameless(library: Library, noise: Noise, start: tuple[Term, ...], ground: Ground) -> Nameless:
     mismatch = library.mismatch
     current = basis(library, noise, start)
     residual = fit(mismatch, noise, start).residual
-    few, ground = coarse(mismatch, residual, noise), _ground_of(library, noise)
+    few = coarse(mismatch, residual, noise)
     ranked = heapq.nlargest(_OFFERED, _by_gain(ground, few), key=lambda g: g[0])
     offered = [t.behind(library.loop) for _, t in ranked]
     quick = [Term(law).behind(library.loop) for law in ground.quick.best(residual)]
@@ -233,8 +250,9 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
     new = (s for s in tuned if not (is_known(library, noise, s) or _at_an_edge(s.term, start)))
     # A shape may be far from its best where it was looked at first.
     best = min(itertools.islice(new, _TUNED), key=lambda s: s.bic, default=None)
+    likeliest = list(laws.values())
     if best is None:
-        return []
+        return Nameless(likeliest, [])
     curve = best = of_fewer_quantities(library, noise, current, best)
     wanted: list[frozenset[str]] = []
     for term in offered:
@@ -247,7 +265,7 @@ def best_nameless(library: Library, noise: Noise, start: Sequence[Term]) -> list
         found = library.score(Term(surface).behind(library.loop), current)
         if found is not None and found.bic < curve.bic - _CLEARLY and not is_known(library, noise, found):
             curve = found
-    return [best] if curve is best else [best, curve]
+    return Nameless(likeliest, [best] if curve is best else [best, curve])
 
 
 def _of_one_more(
@@ -283,18 +301,11 @@ def of_fewer_quantities(library: Library, noise: Noise, current: Basis, score: S
     return score
 
 
-def _ground_of(library: Library, noise: Noise) -> Ground:
+def ground_of(library: Library, noise: Noise) -> Ground:
     """Of the last noise that was asked about."""
     if library.ground is None or library.ground.noise is not noise:
-        library.ground = Ground(library.mismatch, noise)
+        library.ground, library.nameless = Ground(library.mismatch, noise), {}
     return library.ground
-
-
-def _beside_nothing(library: Library, noise: Noise) -> list[Score]:
-    """The same beside nothing, which is asked again when terms have fallen."""
-    if library.nameless is None or library.nameless[0] is not noise:
-        library.nameless = (noise, best_nameless(library, noise, []))
-    return library.nameless[1]
 
 
 def _ranked_surfaces(every: Sequence[Surface], known: Known, few: Coarse) -> list[Surface]:
