@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from pido.core.arrays import Bool1D, Float1D, Float2D, Int1D
-from pido.diagnosis.gates import EITHER_WAY, PATH_SPEED, VARIABLES, Gate, between, gate_variable
+from pido.diagnosis.gates import IN_PLACE, PATH_SPEED, VARIABLES, Gate, between, gate_variable
 from pido.diagnosis.mismatch import Mismatch
 
 _CUTS = (0.04, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.96)  # shares of the rows between which a coarse grid is cut
@@ -189,7 +189,7 @@ class Grid:
 
 def places_in(variables: Mapping[str, Float1D], rows: Bool1D) -> dict[str, Places]:
     """The places of v_x, v_y and AR in these rows."""
-    return {v: (places_of_area if v == "AR" else places_of)(x[rows]) for v, x in variables.items()}
+    return {v: (places_of_area if v in ("AR", "MRR") else places_of)(x[rows]) for v, x in variables.items()}
 
 
 def cuts_of(places: Mapping[str, Places]) -> dict[str, Float1D]:
@@ -279,7 +279,7 @@ class Space:
 
 def space_of(mismatch: Mismatch) -> Space | None:
     """The space of v_x, v_y and AR, as far as a recording has them and they vary; None where none does."""
-    variables = {v: values for v in (*VARIABLES, *EITHER_WAY) if (values := _values(mismatch, v)) is not None}
+    variables = {v: values for v in (*VARIABLES, *IN_PLACE) if (values := _values(mismatch, v)) is not None}
     if not variables:
         return None
     places = places_in(variables, mismatch.usable)

@@ -1,4 +1,4 @@
-"""Limits between which a term acts: of speeds of the tool and of the area that it removes.
+"""Limits between which a term acts: of speeds of the tool, of the area that it removes and of how fast it removes.
 
 In:  the state of one axis in one part. Out: which rows lie within the limits; of rows that a search averaged, the share
 of each that does.
@@ -17,14 +17,14 @@ from pido.diagnosis.state import AxisState, speed_along_path
 
 PATH_SPEED = "path speed"
 VARIABLES = ("v_x", "v_y", "AR")
-EITHER_WAY = ("|v_x|", "|v_y|", PATH_SPEED)  # speeds without their sign, which come in the place of others
+IN_PLACE = ("|v_x|", "|v_y|", PATH_SPEED, "MRR")  # what comes in the place of others; none of it is below zero
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
     """Acts only where low <= variable < high.
 
-    variable : 'v_x', 'v_y', '|v_x|', '|v_y|', PATH_SPEED – of the tool, in mm/s –, or 'AR' in mm²
+    variable : 'v_x', 'v_y', '|v_x|', '|v_y|', PATH_SPEED – of the tool, in mm/s –, 'AR' in mm² or 'MRR' in mm³/s
     """
 
     variable: str
@@ -39,7 +39,7 @@ class Gate:
     @property
     def words(self) -> str:
         """With its unit, e.g. 'v_x > 4 mm/s'."""
-        unit = "mm²" if self.variable == "AR" else "mm/s"
+        unit = {"AR": "mm²", "MRR": "mm³/s"}.get(self.variable, "mm/s")
         return " and ".join(f"{side} {unit}" for side in self._sides())
 
     def _sides(self) -> list[str]:
@@ -55,6 +55,8 @@ def gate_variable(state: AxisState, variable: str) -> Float1D | None:
     """(n,) of what a `Gate` may limit, None where the recording does not have it."""
     if variable == "AR":
         return state.ar
+    if variable == "MRR":
+        return state.mrr
     if variable == PATH_SPEED:
         return speed_along_path(state.speeds) if len(state.speeds) > 1 else None
     if variable.startswith("|"):

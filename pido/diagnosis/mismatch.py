@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pido.core.arrays import Array1D, Bool1D, Float1D, Float2D, Int1D
-from pido.diagnosis.gates import EITHER_WAY, VARIABLES, gate_variable
+from pido.diagnosis.gates import IN_PLACE, VARIABLES, gate_variable
 from pido.diagnosis.state import AxisState
 
 FEW_PARTS = 3
@@ -194,7 +194,7 @@ def _thin(state: AxisState, stride: int) -> AxisState:
         for a, motion in state.others.items()
     }
     usable = averaged(state.usable, stride) == 1.0
-    limiting = {name: gate_variable(state, name) for name in (*VARIABLES, *EITHER_WAY)}
+    limiting = {name: gate_variable(state, name) for name in (*VARIABLES, *IN_PLACE)}
     ranges = {name: _range(values, stride) for name, values in limiting.items() if values is not None}
     means = _means(state, thin, (*_OF_MOTION, *_OF_LOAD), stride)
     return replace(means, others=others, usable=usable, ranges=ranges)

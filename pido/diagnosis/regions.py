@@ -30,7 +30,7 @@ from pido.diagnosis.boxes import (
     some_of,
 )
 from pido.diagnosis.formulas import LEVEL, factor_on_current
-from pido.diagnosis.gates import EITHER_WAY, Gate
+from pido.diagnosis.gates import IN_PLACE, Gate
 from pido.diagnosis.library import Basis, Library, Score, of_themselves, told_apart
 from pido.diagnosis.select import refine
 from pido.diagnosis.terms import Term
@@ -308,7 +308,7 @@ def _sharpen(
 
     share : of the values between two places, between which the limits there are are moved; 0: at places only
     but : a variable that is left as it is
-    either_way : whether speeds without their sign may limit it which do not already
+    either_way : whether what comes in the place of others may limit it that does not already
     """
     while True:
         found = []
@@ -316,7 +316,7 @@ def _sharpen(
             if variable == but or variable == _never_limits(library, score.term):
                 continue
             own = [_limit(g) for g in score.term.gates if g.variable == variable]
-            if variable in EITHER_WAY and not (own or (either_way and _may_limit(library, variable, score.term))):
+            if variable in IN_PLACE and not (own or (either_way and _may_limit(library, variable, score.term))):
                 continue
             limits = space.between_rows(variable, own, share) if share else _limits_near(at, own)
             if len(limits):
@@ -379,7 +379,7 @@ def _best_interval(
     sign = _sign(library, score.term) if len(columns) == 1 else 0.0
     first, last, gain = gains_of_intervals(whitened, k, current.Q32, current.residual32, sign)
     # What is narrower than the least step between two levels is no range of speeds, but where a sign turns.
-    least = 0.0 if variable in EITHER_WAY else -np.inf
+    least = 0.0 if variable in IN_PLACE else -np.inf
     low, high = np.r_[least, limits][first], np.r_[limits, np.inf][last]
     gain[high - low < space.places[variable].gaps.min()] = 0.0
     if variable == f"|v_{library.mismatch.axis}|" and "pos" in score.term.mechanism.follows_from:
@@ -401,8 +401,9 @@ def _there(columns: Float2D) -> Float2D:
 
 
 def _with_limits(score: Score) -> float:
-    """BIC, and what each limit must bring beyond it."""
-    return score.bic + _LIMIT_WORTH * len(score.term.gates)
+    """BIC, and what each limit must bring beyond it; where an area and a rate limit alike, it is the area."""
+    rate = any(g.variable == "MRR" for g in score.term.gates)
+    return score.bic + _LIMIT_WORTH * len(score.term.gates) + CLEARLY * rate
 
 
 def _limit(gate: Gate) -> float:
