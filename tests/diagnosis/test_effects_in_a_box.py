@@ -331,3 +331,17 @@ def test_a_law_that_a_few_of_many_visits_to_its_box_show_is_none(share, told):
     noise = Noise(np.zeros(0), np.full(mismatch.n, NOISE), 1.0, mismatch.usable)
     library.whiten(noise)
     assert useless(library, noise, [term])[1] == told
+
+
+def test_a_law_that_acts_between_two_removal_rates_is_limited_by_them_and_not_by_the_area():
+    answer, _ = answer_of(lambda s: 0.03 * s.v * ((s.mrr > 200.0) & (s.mrr < 600.0)), 2, 50.0, 0.5)
+    (term,) = answer.terms
+    assert term.name == "viscous_friction"
+    assert {g.variable for g in term.gates} == {"MRR"}
+    assert sorted(g.low if np.isfinite(g.low) else g.high for g in term.gates) == pytest.approx([200, 600], rel=0.05)
+
+
+def test_what_an_area_limits_as_well_as_a_rate_does_is_told_by_the_area():
+    answer, _ = answer_of(lambda s: 0.03 * s.v * (s.mrr > 0.0), 2, 50.0, 0.5, z=True)
+    (term,) = answer.terms
+    assert {g.variable for g in term.gates} == {"AR"}
