@@ -188,7 +188,7 @@ class Grid:
 
 
 def places_in(variables: Mapping[str, Float1D], rows: Bool1D) -> dict[str, Places]:
-    """The places of v_x, v_y and AR in these rows."""
+    """The places of each in these rows."""
     return {v: (places_of_area if v in ("AR", "MRR") else places_of)(x[rows]) for v, x in variables.items()}
 
 
@@ -278,7 +278,8 @@ class Space:
 
 
 def space_of(mismatch: Mismatch) -> Space | None:
-    """The space of v_x, v_y and AR, as far as a recording has them and they vary; None where none does."""
+    """The space of v_x, v_y and AR, and of what comes in their place, as far as a recording has them and they vary;
+    None where none does."""
     variables = {v: values for v in (*VARIABLES, *IN_PLACE) if (values := _values(mismatch, v)) is not None}
     if not variables:
         return None
