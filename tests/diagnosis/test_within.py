@@ -73,7 +73,7 @@ def on_an_arm(far):
     return library, noise
 
 
-@pytest.mark.parametrize("far", [0.0, 3000.0])
+@pytest.mark.parametrize("far", [pytest.param(0.0, marks=pytest.mark.thorough), 3000.0])
 def test_a_law_that_acts_in_a_box_is_found_there_wherever_its_places_are(far):
     library, noise = on_an_arm(far)
     everywhere = [best_nameless(library, noise, [])[-1].term]
@@ -95,6 +95,7 @@ def test_an_arm_takes_as_much_away_far_from_the_machines_zero():
     assert gains[1] == pytest.approx(gains[0], rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_law_without_a_name_that_acts_everywhere_is_not_confined():
     mismatch = laid_out(lambda s: 0.0 * s.v)
     states = mismatch.states
@@ -107,6 +108,7 @@ def test_a_law_without_a_name_that_acts_everywhere_is_not_confined():
     assert nameless_within(library, noise, everywhere) == everywhere
 
 
+@pytest.mark.thorough
 def test_one_law_in_a_box_takes_the_place_of_two_that_stand_for_it():
     library, noise = on_an_arm(0.0)
     coulomb = next(m for m in CATALOGUE if m.id == "coulomb_friction")
