@@ -33,7 +33,11 @@ class Gate:
 
     @property
     def condition(self) -> str:
-        """In the form of the contract, e.g. 'v_x > 4'."""
+        """In the form of the contract, e.g. 'v_x > 4'.
+
+        >>> Gate("MRR", low=2640.4).condition, Gate("v_x", high=-0.125).condition
+        ('MRR > 2640', 'v_x < -0.125')
+        """
         return " and ".join(self._sides())
 
     @property
@@ -45,10 +49,14 @@ class Gate:
     def _sides(self) -> list[str]:
         sides = []
         if np.isfinite(self.low):
-            sides.append(f"{self.variable} > {self.low:.3g}")
+            sides.append(f"{self.variable} > {_written(self.low)}")
         if np.isfinite(self.high):
-            sides.append(f"{self.variable} < {self.high:.3g}")
+            sides.append(f"{self.variable} < {_written(self.high)}")
         return sides
+
+
+def _written(limit: float) -> str:
+    return f"{limit:.0f}" if abs(limit) >= 1000 else f"{limit:.3g}"
 
 
 def gate_variable(state: AxisState, variable: str) -> Float1D | None:

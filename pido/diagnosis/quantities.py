@@ -94,6 +94,7 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 """Every signal by its name."""
 
+_OF_THE_CUT = ("MRR", "AR")  # no columns, and limits of where a law acts
 _FORMS = (  # of a name in text; longest first. What is zero or one, and signs, have words of their own
     (r"√\|{u}\|·sgn\({u}\)", "the square root of {said}, with its sign"),
     (r"{u}·\|{u}\|", "the square of {said}, with its sign"),
@@ -191,12 +192,13 @@ def meanings(text: str) -> list[str]:
 def columns_meant(text: str) -> list[str]:
     """What the columns in a formula are, for one who does not know their names.
 
-    >>> columns_meant("dI_x = k * v_x * MRR")
-    ['v_x: speed of the x axis, mm/s']
+    >>> columns_meant("dI_x = k * v_x, only where MRR > 2640")
+    ['v_x: speed of the x axis, mm/s', 'MRR: material removal rate, mm³/s']
+    >>> columns_meant("dI_x = k * MRR; MRR = material removal rate, column mrr_sim, mm³/s")
+    []
     """
-    return [
-        f"{n}: {QUANTITIES[n].words}, {QUANTITIES[n].unit}" for n in _in_text(text) if n in UNITS and n != "coolant"
-    ]
+    named = [n for n in _in_text(text) if (n in UNITS and n != "coolant") or n in _OF_THE_CUT]
+    return [f"{n}: {QUANTITIES[n].words}, {QUANTITIES[n].unit}" for n in named if f"{n} = " not in text]
 
 
 def _in_text(text: str) -> list[str]:
